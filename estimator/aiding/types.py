@@ -122,7 +122,7 @@ class Scatter(NamedTuple):
     noise_scale: float = 1.0  # of the reports' variance; under 1 only of those that no IMU has made
     innovation: float = 1.0  # mean square, in units of its expected variance
     reports: float = 0.0  # components of reports so far
-    before: Vec3 = ZERO_VEC3  # the last innovation, in units of its expected sigma
+    latest: Vec3 = ZERO_VEC3  # innovation, in units of its expected sigma
     together: float = 0.0  # mean product of an innovation and the one before, in such units
 
 

@@ -55,6 +55,7 @@ class Reporter(NamedTuple):
 
 
 with_inflation = replacer(Scatter, "innovation", "reports")
+with_latest = replacer(Scatter, "latest")
 
 
 @inlined
@@ -125,58 +126,79 @@ def observe_velocity(
     far off inflates the variance of its source's error, or of the velocity if that is the only
     source, but not of the attitude: its origin has jumped. The noise scale follows the innovations.
     """
-    P = now.covariance
-    noise_scale, innovation, reports, before, together = agreement.scatter
-    units = np.zeros(3)
+    P, estimate = now.covariance, now.estimate
+    scatter, units = agreement.scatter, np.zeros(3)
     wait = min(agreement.wait_s, 1.0)
     share = wait / (wait + USUAL_S) / 3.0
-    if reporter.is_receiver and reports == 0.0:  # the first one gives how late it may be
+    if reporter.is_receiver and scatter.reports == 0.0:  # the first one gives how late it may be
         P[reporter.lag_at, reporter.lag_at] = report.late_sigma_s**2
         x[reporter.lag_at] = report.late_sigma_s
     past = look_back(now.velocity_history, reporter.age_s)
-    gained, a = past.gained_m_s, past.acceleration_m_s2
-    pushed = subtract(gained, scale(reporter.age_s, GRAVITY_NED))
+    pushed = subtract(past.gained_m_s, scale(reporter.age_s, GRAVITY_NED))
     behind = min(1.0, report.ago_s / dt)
     aliasing = scale(params.integration_noise * dt * behind, newest_deviation(now.velocity_history))
     sigma = params.receiver_noise_m_s if reporter.is_receiver else params.filter_noise_m_s
     sigma *= max(1.0, report.sigma_m_s / params.report_sigma_m_s)
     least = LEAST_RECEIVER_SCALE if reporter.is_receiver else 1.0
     loose_at = VELOCITY if reporter.is_alone else reporter.error_at
-    elsewhere = rotate(now.estimate.q_ned_frd, gravity_b)[2] < cos(UNKNOWN_RAD)
+    elsewhere = rotate(estimate.q_ned_frd, gravity_b)[2] < cos(UNKNOWN_RAD)
     # very noisy reports, or an attitude that makes them look so: then the unaided one disagrees
-    far = noise_scale > FAR and elsewhere
+    far = scatter.noise_scale > FAR and elsewhere
     for i in range(3 if report.has_vertical else 2):
-        h = np.zeros(SIZE)
-        h[VELOCITY + i] = 1.0
-        h[reporter.error_at + i] = 1.0
-        j, k = (i + 1) % 3, (i + 2) % 3
-        h[TURN + j] = -pushed[k]  # minus the component of turn x pushed
-        h[TURN + k] = pushed[j]
-        if dt < LONGEST_STEP_S:
-            h[IMU_LAG] = a[i]
-        h[reporter.lag_at] = -a[i]
-        then = now.estimate.velocity_ned_m_s[i] - gained[i]
+        h = velocity_row(reporter, i, pushed, past.acceleration_m_s2, dt)
+        then = estimate.velocity_ned_m_s[i] - past.gained_m_s[i]
         off = report.velocity_ned_m_s[i] - reporter.error_m_s[i] - then
-        noise = noise_scale * sigma * sigma + aliasing[i] * aliasing[i]
+        noise = scatter.noise_scale * sigma * sigma + aliasing[i] * aliasing[i]
         left = residual(x, h, off)
         # rounding may take an attitude as good as unknown below nothing
         unit = left / sqrt(max(expected_variance(P, h, noise), noise))
-        square = unit * unit
-        unit = max(-REACH, min(REACH, unit))
-        reports += 1.0
-        newest = max(share, 1.0 / reports)
-        innovation += newest * (unit * unit - innovation)
-        together += newest * (unit * before[i] - together)
-        units[i] = unit
-        noise_scale *= 1.0 + (min(square, CLIP) - 1.0) / (3.0 * SCALE_REPORTS)
-        noise_scale = min(max(noise_scale, least), SCALE_REPORTS)
-        if square > FAR:
+        units[i] = max(-REACH, min(REACH, unit))
+        scatter = follow_scatter(scatter, unit, scatter.latest[i], share, least)
+        if unit * unit > FAR:
             P[loose_at + i, loose_at + i] += left * left
             far = True
         learn(P, x, h, off, noise)
     far_off_s = agreement.far_off_s + wait if far else max(0.0, agreement.far_off_s - wait)
-    latest = (units[0], units[1], units[2])
-    return Agreement(Scatter(noise_scale, innovation, reports, latest, together), 0.0, far_off_s)
+    return Agreement(with_latest(scatter, (units[0], units[1], units[2])), 0.0, far_off_s)
+
+
+@inlined
+def velocity_row(reporter: Reporter, i: int, pushed: Vec3, acceleration: Vec3, dt: float) -> Array:
+    """How the errors show in the axis ``i`` (NED) of a report.
+
+    ``pushed`` (m/s) is what the force has added since then, ``acceleration`` (m/s^2) that then.
+    """
+    h = np.zeros(SIZE)
+    h[VELOCITY + i] = 1.0
+    h[reporter.error_at + i] = 1.0
+    j, k = (i + 1) % 3, (i + 2) % 3
+    h[TURN + j] = -pushed[k]  # minus the component of turn x pushed
+    h[TURN + k] = pushed[j]
+    if dt < LONGEST_STEP_S:
+        h[IMU_LAG] = acceleration[i]
+    h[reporter.lag_at] = -acceleration[i]
+    return h
+
+
+@inlined
+def follow_scatter(
+    state: Scatter, unit: float, before: float, share: float, least: float
+) -> Scatter:
+    """The scatter after an innovation of ``unit`` expected sigmas, ``before`` which there was one.
+
+    ``share`` is the newest one's in the means, ``least`` that of the noise scale.
+    """
+    near = max(-REACH, min(REACH, unit))
+    reports = state.reports + 1.0
+    newest = max(share, 1.0 / reports)
+    grown = state.noise_scale * (1.0 + (min(unit * unit, CLIP) - 1.0) / (3.0 * SCALE_REPORTS))
+    return Scatter(
+        noise_scale=min(max(grown, least), SCALE_REPORTS),
+        innovation=state.innovation + newest * (near * near - state.innovation),
+        reports=reports,
+        latest=state.latest,
+        together=state.together + newest * (near * before - state.together),
+    )
 
 
 @inlined

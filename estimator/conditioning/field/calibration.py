@@ -107,6 +107,30 @@ def walk(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance:
 
 
 @inlined
+def turned_since(axes: FrameAxes, mean: FrameAxes) -> tuple[tuple[Vec3, Vec3, Vec3], float]:
+    """By what the axes lie off their mean, and the squares of that together."""
+    north = subtract(axes.north, mean.north)
+    east, down = subtract(axes.east, mean.east), subtract(axes.down, mean.down)
+    return (north, east, down), dot(north, north) + dot(east, east) + dot(down, down)
+
+
+@inlined
+def means_after(
+    means: CalibrationMeans, ratio: float, field: Vec3, turning: Vec3, axes: FrameAxes, a: float
+) -> CalibrationMeans:
+    """The means with the share ``a`` of new values; ``ratio`` brings the old to the new unit."""
+    return CalibrationMeans(
+        field=approach(scale(ratio, means.field), field, a),
+        turning=approach(scale(ratio, means.turning), turning, a),
+        axes=FrameAxes(
+            north=approach(means.axes.north, axes.north, a),
+            east=approach(means.axes.east, axes.east, a),
+            down=approach(means.axes.down, axes.down, a),
+        ),
+    )
+
+
+@inlined
 def learn_calibration(
     params: ConditioningParams,
     state: CalibrationState,
@@ -138,28 +162,14 @@ def learn_calibration(
     if not state.started:
         return CalibrationState(before, CalibrationMeans(y, x, axes), dt_s, True, state.scatter)
     age_s = min(state.age_s + dt_s, params.calibration_high_pass_s)
-    a = min(1.0, dt_s / age_s)
-    means = CalibrationMeans(
-        field=approach(scale(ratio, state.means.field), y, a),
-        turning=approach(scale(ratio, state.means.turning), x, a),
-        axes=FrameAxes(
-            north=approach(state.means.axes.north, axes.north, a),
-            east=approach(state.means.axes.east, axes.east, a),
-            down=approach(state.means.axes.down, axes.down, a),
-        ),
-    )
+    means = means_after(state.means, ratio, y, x, axes, min(1.0, dt_s / age_s))
     taken_off, _ = own_field(before)
     offset, lag_s, p = before.offset, before.lag_s, walk(params, before.covariance, dt_s)
     dy = subtract(y, means.field)
     scatter = state.scatter
     if dot(dy, dy) < MOST_DEVIATION**2:
         dx = subtract(x, means.turning)
-        r = (
-            subtract(axes.north, means.axes.north),
-            subtract(axes.east, means.axes.east),
-            subtract(axes.down, means.axes.down),
-        )
-        turned = dot(r[0], r[0]) + dot(r[1], r[1]) + dot(r[2], r[2])
+        r, turned = turned_since(axes, means.axes)
         is_slow = dt_s > LONGEST_STEP_S
         shows_offset = turned >= params.calibration_turn and not is_slow
         own = params.calibration_reach**2 * turned + p[9] * dot(dx, dx)

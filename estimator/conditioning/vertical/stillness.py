@@ -13,7 +13,7 @@ from estimator.conditioning.params import LATELY_S, QUICK_S, ConditioningParams
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.vertical.lowpass import LowPass, Smooth, approach, smooth
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
-from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec2, Vec3
 
 
 class RestState(NamedTuple):
@@ -127,25 +127,18 @@ def watch_stillness(
     seen_level = add(shown_level, subtract(unexpected, scale(dot(unexpected, down), down)))
     level, level_variance = turn_of_level(shown_level, seen_level, rate_level)
     seen_down = shown_down + dot(unexpected, down)
-    # the share of the rate that the vectors confirm as a turn, with a prior of 0 +- 1
-    noise = STILL_RAD**2 + about_down
-    whole = shown_down * shown_down + noise
-    turn = max(0.0, min(MOST_TURNING, shown_down * seen_down / whole)) * rate_down
-    down_variance = rate_down * rate_down * noise / whole
+    turn, down_variance = turn_of_down(shown_down, seen_down, rate_down, about_down)
     # an accelerometer that drifts shows what no turn explains
     shown_rad, seen_rad = sqrt(square(shown_level)), sqrt(square(seen_level))
     contradicted = seen_rad > MOST_TURNING * shown_rad + REACH * STILL_RAD
     left = subtract(subtract(seen_field, mean_field), cross(seen_field, unexpected))
-    limit = params.bias_limit_rad_s
-    # a gyroscope that errs by more about level axes may err as much about down; but in a banked
-    # turn, where gravity seems to show it, an accelerometer feels more than gravity
-    poor = sqrt(square(subtract(rate_level, level)))
-    beyond = abs(sqrt(square(rest.acc.value)) - STANDARD_GRAVITY_M_S2)
-    is_poor = beyond < params.rest_acc_m_s2 and abs(rate_down) < max(limit, poor)
     proven = (
         square(left) < (REACH * STILL_RAD) ** 2
-        and is_within(sqrt(square(level)), level_variance, limit)
-        and (is_within(turn, down_variance, limit) or is_poor)
+        and is_within(sqrt(square(level)), level_variance, params.bias_limit_rad_s)
+        and (
+            is_within(turn, down_variance, params.bias_limit_rad_s)
+            or is_poor(params, rest.acc.value, rate_down, subtract(rate_level, level))
+        )
     )
     turning = add(level, scale(turn, down))
     return Stillness(
@@ -160,6 +153,18 @@ def watch_stillness(
         proven=proven and not contradicted,
         contradicted=contradicted,
     )
+
+
+@inlined
+def is_poor(params: ConditioningParams, acc: Vec3, rate_down: float, wrong_level: Vec3) -> bool:
+    """Whether the gyroscope is so poor that its rate about down (rad/s) may be none.
+
+    One that errs by ``wrong_level`` about level axes may err as much about down. But in a banked
+    turn, where gravity seems to show that, an accelerometer feels more than gravity.
+    """
+    beyond = abs(sqrt(square(acc)) - STANDARD_GRAVITY_M_S2)
+    most = max(params.bias_limit_rad_s, sqrt(square(wrong_level)))
+    return beyond < params.rest_acc_m_s2 and abs(rate_down) < most
 
 
 @inlined
@@ -189,6 +194,20 @@ def turn_between(mean_down: Vec3, down: Vec3, mean_field: Vec3, field: Vec3) -> 
         return level, 1.0
     left = subtract(subtract(field, mean_field), cross(field, level))
     return add(level, scale(dot(left, across) / size, down)), STILL_RAD**2 / size
+
+
+@inlined
+def turn_of_down(shown: float, seen: float, rate: float, variance: float) -> Vec2:
+    """The rate about down at which the body turns, and its variance.
+
+    ``seen`` is the turn (rad, of that ``variance``) during the time in which the gyroscope, at
+    ``rate`` beyond its bias, showed ``shown``. The share of the rate that the vectors confirm has a
+    prior of 0 +- 1.
+    """
+    noise = STILL_RAD**2 + variance
+    whole = shown * shown + noise
+    turning = max(0.0, min(MOST_TURNING, shown * seen / whole)) * rate
+    return turning, rate * rate * noise / whole
 
 
 @inlined

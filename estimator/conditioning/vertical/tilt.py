@@ -103,11 +103,10 @@ def step_noise(
     w'' by which the last one lies off the line through the two before. For a random walk of the
     rate it is half of that, for a motion that the samples show next to nothing: L^2 of that, with L
     = |w''|^2 / (3 |dw|^2), 1 of independent readings and 2/3 of a walk, by the changes dw from
-    reading to reading. One small difference may be chance, so the mean over the last seconds is the
-    least. With other readings within the step, a time s apart, the rate walks between those: q = dt
-    s |dw|^2 / 12. Added to that are (a s^2 |w|)^2 dt/s, and 4 C dt for both axes by a gyroscope
-    bias of the variance b^2, (rad/s)^2 about an axis, which turns the vertical ever further: C <- C
-    + b^2 dt (done already in ``state``).
+    reading to reading. With other readings within the step, a time s apart, the rate walks between
+    those: q = dt s |dw|^2 / 12. Added to that are (a s^2 |w|)^2 dt/s, and 4 C dt for both axes by a
+    gyroscope bias of the variance b^2, (rad/s)^2 about an axis, which turns the vertical ever
+    further: C <- C + b^2 dt (done already in ``state``).
     """
     change = subtract(gyr, state.gyr)
     changed, seen_s = dot(change, change), dt_s
@@ -116,11 +115,7 @@ def step_noise(
         off, factor = between.change_rad_s, dt_s * seen_s / 12.0
     else:
         off = subtract(change, scale(min(1.0, dt_s / max(before_s, TINY)), state.change))
-        second_difference = max(
-            dot(off, off), (state.tilting + state.yawing) / (1.0 + 2.0 * MOST_ERROR)
-        )
-        like = likeness(second_difference, max(changed, state.changed))
-        factor = like * like * dt_s * dt_s / 12.0
+        factor = unseen_factor(state, dot(off, off), changed, dt_s)
     along, all_of_it = dot(off, down) ** 2, dot(off, off)
     tilting = max(0.0, all_of_it - along) + MOST_ERROR * all_of_it
     yawing = along + MOST_ERROR * all_of_it
@@ -149,6 +144,17 @@ def step_noise(
         drift=state.drift,
         gyr=gyr,
     )
+
+
+@inlined
+def unseen_factor(state: TiltState, off: float, changed: float, dt_s: float) -> float:
+    """L^2 dt^2/12 (s^2), L by how far a rate is ``off`` the line and has ``changed``, both squared.
+
+    One small difference may be chance, so the mean over the last seconds is the least.
+    """
+    usual = (state.tilting + state.yawing) / (1.0 + 2.0 * MOST_ERROR)
+    like = likeness(max(off, usual), max(changed, state.changed))
+    return like * like * dt_s * dt_s / 12.0
 
 
 @inlined

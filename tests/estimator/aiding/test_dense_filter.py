@@ -264,7 +264,7 @@ def test_velocity(rng, is_receiver, off_m_s, is_alone, dt):
     mine, untouched = (after.by_receiver, after.by_filter)[:: 1 if is_receiver else -1]
     assert untouched == other
     assert mine.scatter[:3] == pytest.approx((noise_scale, innovation, reports), rel=1e-6)
-    assert (*mine.scatter.before, mine.scatter.together) == pytest.approx((*units, together))
+    assert (*mine.scatter.latest, mine.scatter.together) == pytest.approx((*units, together))
     assert (mine.wait_s, mine.far_off_s) == (0.0, pytest.approx(0.3 if far else 0.0))
     assert far == (off_m_s > 1.0)
 

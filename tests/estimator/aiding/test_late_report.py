@@ -138,7 +138,7 @@ def test_what_cannot_be_a_velocity_is_refused(velocity, sigma, reason):
 
 
 def test_how_well_reports_agreed_before_a_hole_does_not_count_after_it():
-    known = Scatter(2.0, innovation=0.01, reports=900.0, before=(1.0, 2.0, 3.0), together=0.1)
+    known = Scatter(2.0, innovation=0.01, reports=900.0, latest=(1.0, 2.0, 3.0), together=0.1)
     before = Agreements(Agreement(known, 0.2, 0.7), Agreement())
     for dt, scatter in ((1.0, known), (1.1, known._replace(innovation=1.0, reports=1.0))):
         by_filter, by_receiver = wait_for_reports(before, dt)
