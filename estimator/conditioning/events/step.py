@@ -114,13 +114,15 @@ def release_inflation(
     """Add the inflation to the heading once the field has looked as usual for a while.
 
     A magnet that has turned the field shows in norm or dip, now or soon, and must not draw the
-    heading: the field has to stand still again, and both inflations are dropped if its norm
-    is another. That of the vertical is ``tilt`` (rad^2).
+    heading: the field has to stand still again, and both inflations are dropped if its norm is
+    another, or if it came to point elsewhere slowly. That of the vertical is ``tilt`` (rad^2).
 
     Returns both inflations, the estimate and whether the heading was given up.
     """
-    # D^2 by which it looks less usual than before the turn, and by which it still moves
+    # D^2 by which it looks less usual than before the turn, beyond what an uncertain vertical makes
+    # of its dip, and by which it still moves
     off = sqrt(max(inflation.confidence_before, TINY) / max(field.look.confidence, TINY)) - 1.0
+    off -= 0.5 * tilt / params.field_dip_scale_rad**2
     off = max(0.0, off) + (jump.moves_rad / params.turn_jump_rad) ** 2
     usual_s = max(0.0, inflation.usual_s + clip(2.0 * (1.0 - off), 1.0) * min(dt_s, LONGEST_STEP_S))
     most = SCALE_ERROR + sqrt(field.reference.uneven)
@@ -130,9 +132,19 @@ def release_inflation(
     if usual_s <= SPAN_S:
         return with_usual(inflation, left, usual_s), tilt, estimate, False
     if not is_sudden(jump.usual / JUMP_SHARE**2, left, steepness(field.reference), horizontal):
-        left = 0.0
+        left, tilt = 0.0, 0.0 if left > 0.0 else tilt
     inflation = with_usual(inflation, 0.0, usual_s)
     return inflation, tilt, inflate_heading(estimate, left), left > 0.0
+
+
+@inlined
+def with_field_turned(estimate: Estimate, tilt: float, field: MagneticState) -> Estimate:
+    """A heading no surer than its field, which a vertical of the variance ``tilt`` (rad^2) turns.
+
+    Such an error lasts, so that means of the field do not lessen it.
+    """
+    least = min(tilt * steepness(field.reference), HALF_TURN_VARIANCE)
+    return inflate_heading(estimate, max(0.0, least - estimate.covariance[9]))
 
 
 class TurnProof(NamedTuple):
@@ -172,7 +184,7 @@ class EventsStep(NamedTuple):
     events: EventsState
 
 
-with_turn = replacer(VerticalState, "estimate", "gravity", "tilt")
+with_turn = replacer(VerticalState, "estimate", "gravity", "tilt", "inflation")
 with_estimate = replacer(VerticalState, "estimate")
 with_inflation = replacer(VerticalState, "estimate", "inflation")
 with_calibration = replacer(MagnetometerState, "calibration")
@@ -204,21 +216,28 @@ def follow_signs(
 
 
 @inlined
-def react(proof: TurnProof, before: VerticalState, horizontal: Vec2) -> VerticalState:
+def react(
+    proof: TurnProof, before: VerticalState, horizontal: Vec2, has_jumped: bool
+) -> VerticalState:
     """After an unsensed turn: gravity starts anew, and the heading's variance grows as needed.
 
-    ``horizontal`` is the field's north and east part.
+    ``horizontal`` is the field's north and east part. If that field ``has_jumped``, the vertical
+    has followed the force since, which an acceleration may have led astray: it follows on.
     """
-    gravity, tilt, estimate = before.gravity, before.tilt, before.estimate
-    if proof.gravity:
+    gravity, estimate = before.gravity, before.estimate
+    tilt, inflation = before.tilt, before.inflation
+    if proof.gravity and has_jumped:
+        inflation = HALF_TURN_VARIANCE
+    elif proof.gravity:
         anew = Smooth(ZERO_VEC3, ZERO_VEC3)  # the low-pass of the force
         force = with_down(gravity.force, anew, anew, ZERO_VEC3, 0.0)
         gravity = with_force(gravity, force)
+    if proof.gravity:
         tilt = with_variance(tilt, ANY_DIRECTION_VARIANCE)
         estimate = inflate_heading(estimate, HALF_TURN_VARIANCE)
     elif proof.heading:
         estimate = inflate_heading(estimate, atan2(horizontal[1], horizontal[0]) ** 2)
-    return with_turn(before, estimate, gravity, tilt)
+    return with_turn(before, estimate, gravity, tilt, inflation)
 
 
 @inlined
@@ -235,7 +254,8 @@ def learn_events(
     heading, gravity, jump, axes, inflation = signs
     was_inflated, released = inflation.variance > 0.0, False
     proof = proof_of(params, signs, calibration.learnt, reference_norm(magnetic))
-    now = react(proof, with_estimate(vertical.state, field.estimate), field.horizontal)
+    now = with_estimate(vertical.state, field.estimate)
+    now = react(proof, now, field.horizontal, was_inflated)
     heading_rad, estimate, tilt = now.estimate.heading_rad, now.estimate, now.inflation
     if proof.jump > 0.0:
         inflation = inflate_variance(inflation, signs, proof.jump, steepness(magnetic.reference))
@@ -246,6 +266,8 @@ def learn_events(
         inflation, tilt, estimate, released = release_inflation(
             params, inflation, tilt, estimate, magnetic, jump, field.horizontal, mean.time_s
         )
+    if inflation.variance == 0.0:
+        estimate = with_field_turned(estimate, tilt, magnetic)
     is_magnets = was_inflated and inflation.variance == 0.0 and not released
     turned = proof.heading or proof.gravity or proof.jump > 0.0
     turned = turned or (field.seen and looks_turned(params, jump))

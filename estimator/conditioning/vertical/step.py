@@ -247,8 +247,9 @@ def weigh_force(
     )
     inflation *= 1.0 - weighed
     if inflation > 0.0:
-        inflation, anew = force_after_turn(params, inflation, force_scatter, dt)
-        if anew > max(warm_up, k.gravity_share, weighed * share):
+        least_share = dt / (max(1.0, k.factor) * params.gravity_tau_s)
+        inflation, anew = force_after_turn(inflation, force_scatter, dt, least_share)
+        if anew > max(warm_up, weighed * share):
             return ForceWeight(tilt, inflation, anew, 1.0)
     return ForceWeight(tilt, inflation, share, weighed)
 

@@ -210,17 +210,17 @@ def update_tilt(
 
 @inlined
 def force_after_turn(
-    params: ConditioningParams, inflation: float, force_scatter: float, dt_s: float
+    inflation: float, force_scatter: float, dt_s: float, least_share: float
 ) -> Vec2:
     """The inflation that a reading of the force leaves, and a Kalman filter's share of it.
 
     ``inflation`` (rad^2) is the variance that an unsensed turn has given the vertical,
     ``force_scatter`` how far the mean of ``SPAN_S`` usually is off. A reading's noise, were it
     white, is R = force_scatter 2 tau/dt for quick and slow accelerations alike. K = D/(D + R), D <-
-    (1 - K) D. Once the low-pass is as quick, both are zero.
+    (1 - K) D. Once the low-pass is as quick, by ``least_share``, both are zero.
     """
     noise = (force_scatter + LEAST_OFF_RAD**2) * 2.0 * SPAN_S / dt_s
     share = inflation / (inflation + noise)
-    if share <= dt_s / params.gravity_tau_s:
+    if share <= least_share:
         return 0.0, 0.0
     return (1.0 - share) * inflation, share

@@ -1,6 +1,6 @@
 """Turns that the gyroscope has not shown, and those it cannot show."""
 
-from math import cos, degrees, radians, sin, sqrt
+from math import cos, degrees, pi, radians, sin, sqrt
 
 import numpy as np
 import pytest
@@ -10,8 +10,16 @@ from estimator.conditioning.events.turn_signs import HeadingSigns, give_up
 from estimator.conditioning.rate import Clipping
 from estimator.conditioning.state import apply_turn, initial_state
 from estimator.conditioning.vertical.tilt import force_after_turn
-from estimator.geometry.quaternion import add, exp, rotate, rotate_inverse
+from estimator.geometry.quaternion import (
+    HALF_TURN_VARIANCE,
+    add,
+    exp,
+    rotate,
+    rotate_inverse,
+    scale,
+)
 from tests.estimator.conditioning.motion import (
+    FIELD_NED,
     PARAMS,
     Memory,
     conditioned,
@@ -23,6 +31,7 @@ from tests.estimator.conditioning.motion import (
 
 BLIND = PARAMS._replace(turn_jump_rad=3.0)
 DT = 0.01
+DIP_TAN = FIELD_NED[2] / FIELD_NED[0]
 ZERO = (0.0, 0.0, 0.0)
 
 
@@ -195,7 +204,7 @@ def test_a_magnet_put_on_and_taken_off_is_no_turn(seed, worst_deg):
 def test_an_inflated_vertical_takes_the_force_as_a_kalman_filter_does():
     inflation, left = 0.04, 1.0
     for _ in range(100):
-        inflation, share = force_after_turn(PARAMS, inflation, 0.0004, DT)
+        inflation, share = force_after_turn(inflation, 0.0004, DT, 0.0)
         left *= 1.0 - share
     noise = (0.0004 + 0.009**2) * 2.0  # of a mean over a second, rad^2
     assert inflation == pytest.approx(0.04 * noise / (0.04 + noise))
@@ -238,3 +247,34 @@ def test_what_jumps_in_a_turn_passes_for_no_own_field(angle_deg):
     own = np.linalg.norm(memory.known.field.calibration.learnt.offset)
     assert own < 0.017  # measured 0.014; 0.30 when the means stay those of the old attitude
     assert errors[700] < 2.4  # measured 2.0; 63
+
+
+def swayed(seed, seconds=13.5, push_m_s2=1.5):
+    """A hand that turns, and after three seconds accelerates to and fro along each axis."""
+    rng = np.random.default_rng(seed)
+    rates_hz, phases = np.array((0.5, 0.7, 0.9)), rng.uniform(0.0, 2.0 * pi, 3)
+    for k, s in enumerate(fly(lambda t: scale(0.6, hand(t + 10.0 * seed)), seconds, DT)):
+        push = push_m_s2 * np.cos(2.0 * pi * rates_hz * DT * k + phases) * (k > 300)
+        yield s._replace(acc=add(s.acc, rotate_inverse(s.q_ned_frd, tuple(push.tolist()))))
+
+
+def hand(t):
+    return (3.0 * sin(2.1 * t + 1.0), 2.5 * cos(1.7 * t), 2.0 * sin(1.3 * t + 2.0))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_beside_accelerations_a_turn_is_found_and_no_heading_surer_than_its_field(seed):
+    """A vertical that is still uncertain turns the field, by the tangent of its dip (65 deg)."""
+    samples, times_s = list(swayed(seed)), []
+    before, _ = advance(None, samples[:1000])
+    for axis in AXES:
+        for angle_deg in (60.0, 179.0):
+            errors, memory = [], turned_by(before, axis, angle_deg, samples[999])
+            for s, out, now in conditioned(samples[1000:], DT, PARAMS, memory):
+                errors.append(degrees(max(vector_errors_rad(out, s.q_ned_frd))))
+                vertical = now.known.vertical
+                if now.known.events.inflation.variance == 0.0:
+                    least = min(vertical.inflation * DIP_TAN**2, HALF_TURN_VARIANCE)
+                    assert vertical.estimate.covariance[9] > 0.9 * least
+            times_s.append(found_s(np.array(errors)))
+    assert max(times_s) < 2.1
