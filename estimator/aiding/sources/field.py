@@ -211,11 +211,7 @@ def observe_heading(
     c, s = E[0] / H, E[1] / H
     F_along, F_across = c * F[0] + s * F[1], c * F[1] - s * F[0]
     noise = params.heading_noise**2 / (wait * max(field.look.confidence, TINY))
-    across = field_row(R, dF, (-s / H, c / H, 0.0))
-    across[TURN] = -c * F[2] / H
-    across[TURN + 1] = -s * F[2] / H
-    across[TURN + 2] = 1.0
-    add_compass(across, R)
+    across = across_row(R, F, dF, c, s, H)
     off = -F_across / H
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
@@ -236,6 +232,17 @@ def observe_heading(
         learn_declination(P, x, E, north.direction, wait)
     far = abs(angle) > UNKNOWN_RAD + 2.0 * sqrt(expected)
     return update_off(field, off, far, wait)
+
+
+@inlined
+def across_row(R: Array, F: Vec3, dF: Vec3, c: float, s: float, H: float) -> Array:
+    """How the errors show across the place's horizontal field ``H`` (c, s), in shares of that."""
+    row = field_row(R, dF, (-s / H, c / H, 0.0))
+    row[TURN] = -c * F[2] / H
+    row[TURN + 1] = -s * F[2] / H
+    row[TURN + 2] = 1.0
+    add_compass(row, R)
+    return row
 
 
 @inlined

@@ -138,11 +138,7 @@ def learn_vertical(
     interval_s = k.dt_s
     if dt != interval_s or before.averaging.factor != k.factor:
         k = coefficients(params, dt, before.averaging.factor)
-    rest = observe_rest(params, k.rest, before.rest, mean.gyr, mean.acc, dt)
-    shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
-    field = rotate_inverse(mean.q_g_frd, mean.field_g)
-    still = watch_stillness(params, before.still, rest, shown, field, mean.field_s > 0.0, dt)
-    rest = with_resting(rest, (rest.resting and not still.contradicted) or still.proven)
+    rest, still = look_for_rest(params, k, before, mean)
     rate = subtract(mean.gyr, before.estimate.bias_rad_s)
     down = rotate_inverse(mean.q_g_frd, down_of(before.gravity.q_6d_g))
     p = before.estimate.covariance
@@ -161,8 +157,8 @@ def learn_vertical(
     axes = axes_of(multiply(gravity.q_6d_g, mean.q_g_frd))
     yaw_noise = slow * noise.yaw_noise + clipped[1]
     estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), yaw_noise)
-    b = estimate.bias_rad_s
-    lagged = lag(params, k, before.lagged, axes, b, age_s, share, weight.weighed)
+    bias = estimate.bias_rad_s
+    lagged = lag(params, k, before.lagged, axes, bias, age_s, share, weight.weighed)
     was_known = before.gravity.force.age_s > params.gravity_tau_s
     if rest.resting and params.use_rest:
         estimate = learn_at_rest(params, k, estimate, axes, rest, still)
@@ -186,6 +182,20 @@ def learn_vertical(
     beyond = clipped[0] + clipped[1]
     missed = noise.tilt + noise.yaw_noise + beyond
     return VerticalStep(state, mean.q_g_frd, rate, missed, beyond)
+
+
+@inlined
+def look_for_rest(
+    params: ConditioningParams, k: Coefficients, before: VerticalState, mean: Gathered
+) -> tuple[RestState, Stillness]:
+    """Whether gyroscope and accelerometer rest, and whether gravity and field bear that out."""
+    dt = mean.time_s
+    rest = observe_rest(params, k.rest, before.rest, mean.gyr, mean.acc, dt)
+    shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
+    field = rotate_inverse(mean.q_g_frd, mean.field_g)
+    still = watch_stillness(params, before.still, rest, shown, field, mean.field_s > 0.0, dt)
+    resting = (rest.resting and not still.contradicted) or still.proven
+    return with_resting(rest, resting), still
 
 
 @inlined
