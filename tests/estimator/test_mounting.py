@@ -110,11 +110,6 @@ def test_a_mounted_imu_gives_the_attitude_of_one_that_sits_right(mounting):
         assert trace["acc_m_s2"][-1, axis] == pytest.approx(same["acc_m_s2"][-1, axis])
 
 
-def test_without_its_section_it_is_upside_down():
-    errors, _ = errors_rad(flight(Mounting(acc_sign=-1)), load_profile("imu"))
-    assert max(errors) > radians(90.0)
-
-
 @pytest.mark.parametrize(
     ("line", "complaint"),
     [

@@ -9,7 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from estimator.filter.alignment import align, nearest_rotation, quaternion_from_matrix
 from estimator.filter.types import Vectors
-from estimator.geometry.frames import euler_rad
 from estimator.geometry.quaternion import (
     normalized_distance,
     rotate,
@@ -124,9 +123,3 @@ def test_collinear_vectors_still_level(sign):
         v1, v2 = rotate_inverse(q, along), rotate_inverse(q, DOWN)
         found = align(Vectors(v1, along, 1.0, v2, DOWN, 1.0, 1.0))
         np.testing.assert_allclose(rotate(found, v2), DOWN, atol=1e-7)
-
-
-def test_known_heading():
-    """Level, field from the left (port): the nose points east."""
-    q = align(Vectors((0.0, -1.0, 0.0), NORTH, 1.0, DOWN, DOWN, 1.0, 1.0))
-    assert euler_rad(q) == pytest.approx((0.0, 0.0, pi / 2), abs=1e-12)
