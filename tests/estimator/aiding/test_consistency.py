@@ -41,9 +41,8 @@ def aided(q_ned_frd):
     return state._replace(estimate=estimate, last=state.last._replace(rate_rad_s=ZERO_VEC3))
 
 
-def watched(state, *, seconds=12.0, noise_m_s=0.0, with_mag=True, silent_from=1e9, receiver=False):
+def watched(state, *, seconds=12.0, with_mag=True, silent_from=1e9, receiver=False):
     """A consistency check of a vehicle, held at ``TRUTH``, pushed to and fro."""
-    rng = np.random.default_rng(5)
     consistency, velocity = NEW_CONSISTENCY, np.zeros(3)
     mag = np.array(rotate_inverse(TRUTH, EARTH_GAUSS)) + IRON_GAUSS
     for k in range(round(seconds / DT)):
@@ -55,21 +54,11 @@ def watched(state, *, seconds=12.0, noise_m_s=0.0, with_mag=True, silent_from=1e
         )
         report = types.NO_REPORT
         if k % REPORT_EVERY == 0 and k * DT < silent_from:
-            reported = velocity + noise_m_s * rng.standard_normal(3)
             late_sigma_s = 0.1 * receiver
-            report = types.Report(True, tuple(reported), not receiver, 0.3, 0.0, late_sigma_s)
+            report = types.Report(True, tuple(velocity), not receiver, 0.3, 0.0, late_sigma_s)
         consistency = watch(PARAMS, consistency, state, sample, report)
         consistency = compare(consistency, state.estimate.q_ned_frd, DT, 0.3)
     return consistency
-
-
-@pytest.mark.parametrize("receiver", [False, True])
-def test_the_right_attitude_is_confirmed(receiver):
-    consistency = watched(aided(TRUTH), receiver=receiver)
-    assert consistency.error < 1e-6
-    assert consistency.force.share > 0.9
-    assert consistency.field.share == 1.0
-    assert inflated(SIGMAS, consistency) == pytest.approx(SIGMAS)
 
 
 @pytest.mark.parametrize("receiver", [False, True])
@@ -90,13 +79,6 @@ def test_a_turned_attitude_is_inflated_by_as_much(receiver, turn_deg, measured_e
     widened = sigma.heading_rad if turn_deg[2] else sigma.inclination_rad
     assert degrees(widened) == pytest.approx(1.8 * angle, rel=0.2)
     assert consistency.error == pytest.approx(measured_e, rel=0.2)
-
-
-def test_noise_of_reports_inflates_nothing():
-    consistency = watched(aided(TRUTH), seconds=60.0, noise_m_s=0.1)
-    assert degrees(consistency.tilt.mean_square**0.5) == pytest.approx(0.5, rel=0.2)
-    assert inflated(SIGMAS, consistency).inclination_rad == pytest.approx(SIGMAS.inclination_rad)
-    assert consistency.error > 1e-6
 
 
 def test_without_reports_and_field_nothing_is_inflated():
