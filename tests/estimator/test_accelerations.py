@@ -70,6 +70,24 @@ def test_a_vehicle_without_velocity_that_accelerates_for_seconds(motion, rate_hz
     assert found.beyond_three <= 0.02
 
 
+@pytest.mark.parametrize(
+    ("motion", "rate_hz", "has_velocity", "inclination_deg", "heading_deg"),
+    [  # root mean square of the errors, and median sigma
+        ("hand", 4.0, False, (2.1, 7.2), (2.1, 45.0)),
+        ("hand", 2.0, False, (7.5, 14.1), (5.1, 45.0)),
+        ("hand", 1.0, False, (11.2, 10.6), (10.9, 45.0)),
+        ("vigorous tilts", 2.0, False, (5.8, 14.0), (4.2, 45.0)),
+        ("hand", 2.0, True, (4.2, 23.8), (7.1, 49.3)),
+        ("circle", 2.0, True, (3.4, 17.4), (2.6, 5.8)),
+        ("aerobatics", 2.0, True, (1.53, 2.9), (2.1, 2.7)),
+    ],
+)
+def test_a_slow_stream_hides_turns(motion, rate_hz, has_velocity, inclination_deg, heading_deg):
+    found = judge(Case(motion, has_velocity=has_velocity, rate_hz=rate_hz))
+    for angle, measured_deg in ((found.inclination, inclination_deg), (found.heading, heading_deg)):
+        assert (angle.rms_deg, angle.sigma_deg) == pytest.approx(measured_deg, rel=0.2)
+
+
 def test_a_start_in_motion_knows_that_the_force_may_be_an_acceleration():
     found = verdict("started moving", 50.0).inclination
     assert found.rms_deg == pytest.approx(4.7, rel=0.2)

@@ -13,18 +13,7 @@ from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import initial_state
 from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate_inverse, scale, unit
 from estimator.types import Sample
-from tests.estimator.filter.vehicles import (
-    FUZZY,
-    GAINS,
-    GAPS_S,
-    GRAVITY,
-    MAGNETIC,
-    PAPER,
-    RATES_HZ,
-    fixed,
-    seen_from,
-    three,
-)
+from tests.estimator.filter.vehicles import FUZZY, GRAVITY, MAGNETIC, PAPER, fixed, seen_from, three
 from tests.vocabulary import (
     IDENTITY,
     angle_rad,
@@ -35,6 +24,10 @@ from tests.vocabulary import (
     rotations,
     unit_vectors,
 )
+
+RATES_HZ = (1, 2, 4, 5, 10, 20, 25, 50, 99, 100, 101, 200, 400)
+GAINS = (1, 2, 5, 10, 20, 50, 70, 101)
+GAPS_S = (0.0115, 0.05, 0.5, 1.0, 7.0, 60.0)
 
 
 def error_after(backend, params, q, truth, dt, steps=1):
