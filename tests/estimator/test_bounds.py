@@ -28,6 +28,7 @@ FILTER = {
     "first_step_s": (0.0, 0.01),
 }
 CONFIDENCE = dict.fromkeys(("gravity", "magnetic", "cross"), (0.0, 1e3))
+EVERY = {**BOUNDS, "filter": FILTER, "confidence": CONFIDENCE}
 BEFORE, AFTER = 300, 250  # samples: aided by then, and through half of a banked turn
 GAP_US = 700_000  # a hole in the stream, behind the change
 
@@ -76,10 +77,9 @@ def test_each_alone(start, section, end):
 
 @pytest.mark.parametrize("end", [0, 1])
 def test_all_together(start, end):
-    sections = {**BOUNDS, "filter": FILTER, "confidence": CONFIDENCE}
     partial = {
         section: {name: bounds[end] for name, bounds in known.items()}
-        for section, known in sections.items()
+        for section, known in EVERY.items()
     }
     require_survival(start, partial)
 
@@ -87,12 +87,11 @@ def test_all_together(start, end):
 @slow_in_python
 def test_any_mixture_of_ends(start):
     rng = random.Random(2)
-    sections = {**BOUNDS, "filter": FILTER, "confidence": CONFIDENCE}
     for _ in range(60):
         share = rng.choice((0.1, 0.5, 1.0))
         partial = {
             section: {n: rng.choice(b) for n, b in known.items() if rng.random() < share}
-            for section, known in sections.items()
+            for section, known in EVERY.items()
         }
         partial["conditioning"] |= {name: rng.random() < 0.7 for name in SWITCHES}
         require_survival(start, partial)

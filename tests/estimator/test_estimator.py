@@ -187,22 +187,6 @@ def test_output_is_propagated_with_the_last_rate_up_to_the_horizon(profile):
     assert past.q_ned_frd == now.q_ned_frd
 
 
-def test_published_rate_is_free_of_the_bias():
-    estimator = fed(load_profile("paper"), samples(500))
-    last = samples(500)[-1]
-    published = estimator.attitude(last.time_us)
-    assert np.abs(published.gyro_bias_rad_s).max() == pytest.approx(0.126, rel=0.2)
-    expected = np.subtract(last.gyr_rad_s, published.gyro_bias_rad_s)
-    np.testing.assert_allclose(published.rate_rad_s, expected, atol=1e-15)
-
-
-def test_without_a_magnetometer_the_heading_is_open():
-    stream = [sample._replace(mag_gauss=ZERO_VEC3, has_mag=False) for sample in samples(50)]
-    published = fed(load_profile("imu"), stream).attitude(stream[-1].time_us)
-    assert published.heading_reference == "none"
-    assert published.confidence_magnetic == 0.0
-
-
 def test_a_fixed_gain_is_published():
     estimator = Estimator(load_profile("paper"), fixed_gain=7.0)
     for sample in samples(20):

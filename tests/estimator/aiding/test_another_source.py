@@ -10,10 +10,8 @@ from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.geometry.frames import euler_rad
 from estimator.profile import load_profile
-from estimator.types import RateSample, VelocitySample
 from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample
 from tests.flight import banked_flight, north_known, taken_along
-from tuning.calls import LoggedEstimator
 
 SAMPLES = 200
 
@@ -91,18 +89,3 @@ def test_it_waits_for_velocity_and_is_refused_where_it_is_no_number():
 def test_what_no_source_reports_is_an_error_that_names_it(report):
     with pytest.raises(InputError, match=r"no source of aiding|stands where"):
         Estimator(load_profile("imu")).update_report(report)
-
-
-def test_a_replay_repeats_it_too(flying):
-    """Retuning replays what was reported: by whichever name it came, once, and in its order."""
-    _, profile, state = flying
-    one, other = LoggedEstimator(profile), Estimator(profile)
-    one.snapshot = other.snapshot = state
-    time_us = state.core.time_us
-    one.update_report(HeadingSample(time_us, 0.2, 0.01))
-    one.update_velocity(VelocitySample(time_us, (19.0, 1.0, 0.0), True, 0.3))
-    one.update_report(RateSample(time_us + 5_000, (0.1, 0.0, 0.0)))
-    assert len(one.calls[0]) == 3
-    for call in one.calls[0]:
-        call(other)
-    assert one.snapshot == other.snapshot != state

@@ -1,4 +1,4 @@
-"""Compasses that mislead or are not there, and reports that come late."""
+"""Compasses that mislead or are not there, what is known about them, and late reports."""
 
 from dataclasses import replace
 from math import cos, degrees, radians, remainder, sin, tau
@@ -6,8 +6,16 @@ from math import cos, degrees, radians, remainder, sin, tau
 import numpy as np
 import pytest
 
-from estimator.aiding.compass import is_usable
+from estimator.aiding.compass import (
+    Compass,
+    declare,
+    is_usable,
+    record_giving_up,
+    rejected_until_us,
+    restart,
+)
 from estimator.aiding.phase import Phase
+from estimator.conditioning.params import FORGET_S, LONG_S, MEMORY_S
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import angle_errors
 from estimator.geometry.quaternion import rotate_inverse, scale
@@ -69,6 +77,7 @@ def everywhere(*field_ned):
 def test_without_a_magnetometer_the_heading_comes_from_velocity(flight):
     attitudes = flown(north_known(), changed(flight, without_field))
     assert attitudes[100].heading_reference == "none"
+    assert attitudes[100].confidence_magnetic == 0.0
     assert attitudes[-1].heading_reference == "true"
     assert rms_deg(HEADING, flight, attitudes, LATE_S) == pytest.approx(0.0332, rel=0.2)
     assert degrees(attitudes[-1].sigma_heading_rad) == pytest.approx(0.385, rel=0.2)
@@ -210,23 +219,6 @@ def test_a_log_that_begins_in_a_turn_does_not_condemn_the_compass(flight):
     assert is_usable(known, one.snapshot.core.time_us + 60_000_000)
 
 
-def test_raw_vectors_for_a_while_end_the_aiding(flight):
-    """Another profile comes and goes: what the aiding knew before is out of date."""
-    one = calibrated(load_profile("imu"))
-    one.set_field_calibrated(False)
-    profiles = {1500: load_profile("paper"), 1700: load_profile("imu")}
-
-    def replace(k):
-        if k in profiles:
-            one.replace_profile(profiles[k])
-        if 1500 < k <= 1700:
-            assert one.snapshot.context.phase is not Phase.AIDED
-
-    attitudes = flown(one, flight, after=replace)
-    assert one.snapshot.context.phase is Phase.AIDED
-    assert rms_deg(INCLINATION, flight, attitudes, 55.0) == pytest.approx(0.073, rel=0.2)
-
-
 @pytest.mark.parametrize("known", [{"turned_rad": 1.0}, {"contradicted_us": 2_000_000}])
 def test_raw_vectors_are_as_the_sensors_show_them(flight, known):
     """Whatever is known about the compass: only the profile ``imu`` turns it back, or drops it."""
@@ -295,3 +287,56 @@ def test_a_compass_that_velocity_confirms_goes_on_giving_the_heading():
     errors = heading_errors_deg(LONG_FLIGHT, estimator)
     assert errors[len(errors) // 2 :].max() < 3.0
     assert estimator.compass_fault == ""
+
+
+NOW_US = 500_000_000
+AGAIN_US, MISLED_US, UNLIKE_US = (int(1e6 * s) for s in (LONG_S, FORGET_S, MEMORY_S))
+
+
+DECLARED = declare(Compass(), True)
+
+
+def given_up_twice(apart_us=AGAIN_US - 1):
+    return record_giving_up(record_giving_up(DECLARED, NOW_US - apart_us), NOW_US)
+
+
+UNLIKE = DECLARED._replace(unlike_us=NOW_US)
+CONTRADICTED = DECLARED._replace(contradicted_us=NOW_US)
+
+
+@pytest.mark.parametrize(
+    ("known", "passed_us", "usable"),
+    [
+        (Compass(), 0, False),  # it has to be declared calibrated
+        (DECLARED, 0, True),
+        (declare(DECLARED, False), 0, False),
+        (Compass(confirmed=True), 0, True),  # velocity confirms only one without a declaration
+        (Compass(declared_calibrated=False, confirmed=True), 0, False),
+        (record_giving_up(DECLARED, NOW_US), 0, True),
+        (given_up_twice(AGAIN_US), 0, True),
+        (given_up_twice(), MISLED_US - 1, False),  # twice in a row counts for a while
+        (given_up_twice(), MISLED_US, True),
+        (UNLIKE, UNLIKE_US - 1, False),  # a field unlike the place's own
+        (UNLIKE, UNLIKE_US, True),
+        (CONTRADICTED, 0, False),  # until velocity confirms it
+        (CONTRADICTED._replace(confirmed=True), 0, True),
+    ],
+)
+def test_what_is_known_shows_whether_a_compass_is_usable(known, passed_us, usable):
+    assert is_usable(known, NOW_US + passed_us) is usable
+
+
+def test_a_contradicted_compass_is_rejected_until_velocity_confirms_it():
+    assert rejected_until_us(CONTRADICTED) == NOW_US + MISLED_US
+    assert rejected_until_us(CONTRADICTED._replace(confirmed=True)) < 0
+    # to declare the same again is no news: a ground station may fetch the parameters at any time
+    assert declare(given_up_twice(), True) == given_up_twice()
+    assert is_usable(declare(declare(given_up_twice(), False), True), NOW_US)
+
+
+def test_a_reboot_leaves_what_was_declared():
+    """Times before it are of another clock."""
+    assert restart(given_up_twice()) == DECLARED
+    once = restart(record_giving_up(DECLARED, NOW_US))
+    assert is_usable(record_giving_up(once, 1_000_000), 1_000_000)
+    assert not is_usable(restart(declare(Compass(), False)), 0)

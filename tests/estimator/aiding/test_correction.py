@@ -3,21 +3,33 @@
 import numpy as np
 import pytest
 
-from estimator.aiding.beginning import blank_aiding, forget_biases
+from estimator.aiding import types
+from estimator.aiding.beginning import Start, begin, blank_aiding, forget_biases
 from estimator.aiding.correction import apply_corrections
 from estimator.aiding.covariance import expected_variance, rotation_matrix
-from estimator.aiding.inertial import Prediction, judge_biases
-from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, AidingParams, BiasPrior
+from estimator.aiding.inertial import Prediction, judge_biases, predict_motion
+from estimator.aiding.sources.unaided import observe_unaided
+from estimator.aiding.step import aid
+from estimator.aiding.types import (
+    ACC_BIAS,
+    GYR_BIAS,
+    HARD_IRON,
+    SIZE,
+    TURN,
+    AidingParams,
+    BiasPrior,
+)
+from estimator.aiding.unseen import watch_turning
 from estimator.aiding.velocity_history import new_velocity_history
 from estimator.geometry.quaternion import exp, multiply, rotate
-from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3
+from estimator.types import IDENTITY, NO_SAMPLE, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Sample
 from tests.vocabulary import assert_attitude_close
 
 Q = exp((0.4, -0.9, 1.3))
 FORCE = (1.0, 2.0, -9.0)
 
 
-BLANK, _, _ = blank_aiding(AidingParams())
+BLANK, _, HISTORY = blank_aiding(AidingParams())
 
 
 def corrected(at=0, *error):
@@ -52,6 +64,15 @@ def test_a_turn_is_about_the_axes_of_ned_and_takes_the_force_along():
     np.testing.assert_allclose(after.force_ned_m_s2, rotate(exp(turn), FORCE), atol=1e-12)
     felt = np.subtract(FORCE, rotate(Q, bias))  # a bias of the accelerometer comes off it
     np.testing.assert_allclose(corrected(ACC_BIAS, *bias).force_ned_m_s2, felt, atol=1e-12)
+
+
+def test_the_beginning_is_as_uncertain_as_given():
+    """About north and east by the tilt's sigma, about down by the heading's."""
+    first = Start(IDENTITY, 0.3, 0.1, hard_iron_sigma_gauss=0.02, field_lag_s=0.05)
+    _, P, _ = begin(AidingParams(), first, NO_SAMPLE, types.NO_REPORT)
+    assert np.diag(P)[:3] == pytest.approx([0.01, 0.01, 0.09])
+    assert np.diag(P)[HARD_IRON : HARD_IRON + 3] == pytest.approx([0.0004] * 3)
+    assert np.array_equal(P, np.diag(np.diag(P)))
 
 
 def test_another_imu_has_biases_that_are_not_known():
@@ -120,3 +141,28 @@ def test_an_accelerometers_bias_has_turned_the_vertical_as_it_seems():
         assert expected_variance(after, h, 0.0) == pytest.approx(expected_variance(before, h, 0.0))
     assert np.linalg.eigvalsh(after).min() > 0.0
     assert np.diag(after)[TURN] > 1.1 * np.diag(before)[TURN]
+
+
+@pytest.mark.parametrize(
+    ("dt_s", "wait_s", "push_m_s2"),
+    [(0.5, 0.0, 1.0), (0.5, 3.0, 0.0), (0.02, 3.0, 3.0)],  # reported, not counted, felt
+)
+def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, push_m_s2):
+    """The unaided gravity corrects it; there is no report and no field."""
+    params, gravity_b = AidingParams(), (0.1, -0.2, 0.97)
+    others = types.StepInputs(gravity_b, 0.1, 0.0, types.North(False, (1.0, 0.0)))
+    sample = Sample((0.1, 0.2, -0.1), (0.5, -0.3, -9.7), ZERO_VEC3, False, dt_s)
+    root = np.eye(SIZE) + 0.1 * np.random.default_rng(3).standard_normal((SIZE, SIZE))
+    P = 0.01 * root @ root.T
+    agreement = types.Agreements(*(each._replace(wait_s=wait_s) for each in BLANK.agreement))
+    acceleration_tilt = types.AccelerationTilt((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))
+    state = BLANK._replace(agreement=agreement, acceleration_tilt=acceleration_tilt)
+    after, after_P, _ = aid(params, state, P, HISTORY, sample, types.NO_REPORT, others)
+    now, x = predict_motion(params, state, P, HISTORY, sample), np.zeros(SIZE)
+    if dt_s == 0.5:
+        watch_turning(params, state, now.covariance, sample, 0.0)
+    tilt_error_rad = push_m_s2 / STANDARD_GRAVITY_M_S2
+    observe_unaided(now, gravity_b, 0.1, tilt_error_rad, x, 1.0, dt_s)
+    assert np.abs(x[:3]).max() > 1e-4
+    assert after.estimate == apply_corrections(now, x).estimate
+    assert np.array_equal(after_P, now.covariance)

@@ -185,25 +185,6 @@ def noise_of_step(P, earth_gauss, dt, unseen, aliased_turn, off, slow_variances)
     return Q
 
 
-@pytest.mark.parametrize("step_s", [0.01, 0.4, 3.0])
-def test_a_usual_slow_error_stays_as_uncertain_as_it_is(step_s):
-    """However the time is cut into steps: what fades is made up for by what is new."""
-    agreements = types.Agreements(BLANK.agreement.by_filter, BLANK.agreement.by_receiver)
-    last = BLANK.last._replace(force_ned_m_s2=(0.0, 0.0, -9.8))
-    state = BLANK._replace(agreement=agreements, last=last)
-    P = np.eye(types.SIZE) * 1e-6
-    d = np.einsum("ii->i", P)
-    d[three(types.RECEIVER_ERROR)] = PARAMS.receiver_error_m_s**2
-    d[three(types.FILTER_ERROR)] = PARAMS.filter_error_m_s**2
-    sample = Sample(ZERO_VEC3, (0.0, 0.0, -9.8), ZERO_VEC3, False, step_s)
-    quiet = velocity_history_of(np.random.default_rng(0), 0.04)
-    quiet[:, 4:] = 0.0
-    after = predict_motion(PARAMS, state, P, quiet, sample)
-    np.testing.assert_allclose(
-        np.diag(after.covariance)[types.RECEIVER_ERROR :], d[types.RECEIVER_ERROR :], rtol=1e-12
-    )
-
-
 @pytest.mark.parametrize("is_receiver", [True, False])
 @pytest.mark.parametrize(("off_m_s", "is_alone"), [(0.3, False), (12.0, False), (12.0, True)])
 @pytest.mark.parametrize("dt", [0.04, 0.25])

@@ -9,15 +9,8 @@ from estimator.aiding import types
 from estimator.aiding.beginning import blank_aiding, inflate_covariance
 from estimator.aiding.phase import Phase
 from estimator.conditioning.robust import FAR
+from estimator.geometry import quaternion as qn
 from estimator.geometry.metrics import angle_errors
-from estimator.geometry.quaternion import (
-    conjugate,
-    exp,
-    multiply,
-    rotate,
-    rotate_inverse,
-    shortest_rotation,
-)
 from estimator.live.aiding_span import give_up, is_better, start_level
 from estimator.live.core import UNSEEN, flat
 from estimator.live.state import State
@@ -62,7 +55,7 @@ def test_the_better_known_is_the_one_with_the_smaller_angle_in_all():
     assert not is_better(types.Sigmas(nan, 0.1), types.Sigmas(3.0, 3.0))
 
 
-LEVEL = exp((0.2, -0.1, 1.0))
+LEVEL = qn.exp((0.2, -0.1, 1.0))
 FELT_AS_REPORTED = types.AccelerationTilt((2.0, 0.0, 0.0), ZERO_VEC3, (5.0, 0.0, 0.0))
 UNREPORTED = types.AccelerationTilt(ZERO_VEC3, ZERO_VEC3, (5.0, 0.0, 0.0))
 
@@ -71,7 +64,7 @@ def lost(heading_deg, acceleration_tilt=UNREPORTED, off_deg=60.0):
     """An aided vertical at a sigma of 50 deg that nothing contradicts; the unaided one's is 6."""
     state = State(load_profile("imu"), None)
     aided, P, _ = blank_aiding(state.settings.aiding)
-    q = multiply(exp((radians(off_deg), 0.0, 0.0)), LEVEL)
+    q = qn.multiply(qn.exp((radians(off_deg), 0.0, 0.0)), LEVEL)
     aided = aided._replace(
         estimate=aided.estimate._replace(q_ned_frd=q),
         sigma=types.Sigmas(radians(50.0), radians(heading_deg)),
@@ -83,7 +76,7 @@ def lost(heading_deg, acceleration_tilt=UNREPORTED, off_deg=60.0):
             covariance=flat(P + 0.01 * np.eye(types.SIZE)),
             sample=NO_SAMPLE._replace(dt_s=0.5),
             seen=UNSEEN._replace(
-                gravity_b=rotate_inverse(LEVEL, DOWN), sigma_inclination_rad=radians(6.0)
+                gravity_b=qn.rotate_inverse(LEVEL, DOWN), sigma_inclination_rad=radians(6.0)
             ),
         )
     )
@@ -100,7 +93,7 @@ def test_of_a_lost_vertical_and_a_known_heading_the_heading_stays():
     q, P = core.aided.estimate.q_ned_frd, np.array(core.covariance).reshape(types.SIZE, types.SIZE)
     assert max(angle_errors(q, LEVEL)) < 1e-6
     assert max(angle_errors(core.filter.q_ned_frd, LEVEL)) < 1e-6
-    assert rotate(q, core.seen.gravity_b) == pytest.approx(DOWN)
+    assert qn.rotate(q, core.seen.gravity_b) == pytest.approx(DOWN)
     sigmas_deg = np.degrees(np.sqrt(P.diagonal()[types.TURN : types.TURN + 3]))
     off_deg = 2.0 * degrees(atan(radians(10.0) * tan(radians(30.0)) / radians(60.0)))
     assert sigmas_deg == pytest.approx((6.0, 6.0, off_deg))
@@ -114,9 +107,9 @@ def test_the_heading_is_known_the_less_the_further_the_vertical_was_off(off_deg)
     core = lost(10.0, off_deg=off_deg).core.core
     q, within, start = core.aided.estimate.q_ned_frd, 0, start_level(core, radians(10.0))
     for down in radians(10.0) * rng.standard_normal(4000):
-        truth = multiply(conjugate(exp((radians(off_deg), 0.0, down))), q)
-        level = shortest_rotation(rotate(q, rotate_inverse(truth, DOWN)), DOWN)
-        left = angle_errors(multiply(level, q), truth).heading_rad
+        truth = qn.multiply(qn.conjugate(qn.exp((radians(off_deg), 0.0, down))), q)
+        level = qn.shortest_rotation(qn.rotate(q, qn.rotate_inverse(truth, DOWN)), DOWN)
+        left = angle_errors(qn.multiply(level, q), truth).heading_rad
         within += left < start.heading_sigma_rad
     assert within / 4000 == pytest.approx(0.68, abs=0.03)
 

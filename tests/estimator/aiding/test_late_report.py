@@ -1,6 +1,6 @@
-"""Velocity reports that wait for the IMU: which are due, and what they are worth."""
+"""Velocity reports that wait for the IMU: which are due, what they are worth and refer to."""
 
-from math import inf, nan
+from math import cos, inf, nan, sin
 
 import numpy as np
 import pytest
@@ -8,6 +8,12 @@ import pytest
 from estimator.aiding.sources.source import SPEED_LIMIT_M_S, refusal_of_velocity
 from estimator.aiding.sources.velocity import wait_for_reports
 from estimator.aiding.types import Agreement, Agreements, AidingParams, Scatter
+from estimator.aiding.velocity_history import (
+    ROWS,
+    extend_velocity_history,
+    look_back,
+    new_velocity_history,
+)
 from estimator.estimator import Estimator
 from estimator.live.reports import MOST_WAITING, enqueue, take_due_velocities
 from estimator.live.rows import TIME, report_rows_of
@@ -144,3 +150,39 @@ def test_how_well_reports_agreed_before_a_hole_does_not_count_after_it():
         by_filter, by_receiver = wait_for_reports(before, dt)
         assert by_filter == Agreement(scatter, 0.2 + dt, 0.7)
         assert by_receiver == Agreement()._replace(wait_s=dt)
+
+
+SWING = 7.0  # rad/s
+
+
+def velocity(t):
+    return (sin(SWING * t), 2.0 * t, 0.5 * t * t)
+
+
+def acceleration(t):
+    return (SWING * cos(SWING * t), 2.0, t)
+
+
+def flown(seconds, dt):
+    """The velocity history after so long a flight, and its end."""
+    history, t = new_velocity_history(acceleration(0.0)), 0.0
+    while t < seconds - 1e-9:
+        gained = tuple(b - a for a, b in zip(velocity(t), velocity(t + dt), strict=True))
+        t += dt
+        history = extend_velocity_history(history, gained, acceleration(t), dt)
+    return history, t
+
+
+def test_outside_the_history_the_acceleration_goes_on():
+    """Ahead of the newest sample its own, before the beginning the oldest."""
+    history, t = flown(1.0, 0.02)
+    ahead_m_s = look_back(history, -0.01).gained_m_s
+    assert ahead_m_s == pytest.approx([-0.01 * a for a in acceleration(t)])
+    history, t = flown(0.1, 0.02)
+    wanted = np.subtract(velocity(t), velocity(0.0)) + np.multiply(0.2, acceleration(0.0))
+    assert look_back(history, 0.3).gained_m_s == pytest.approx(wanted, abs=1e-9)
+
+
+def test_quick_samples_do_not_shorten_the_history():
+    history, _ = flown(1.0, 0.0025)
+    assert history[0, 0] - history[ROWS - 1, 0] > 0.5

@@ -1,8 +1,11 @@
-"""What the unaided gravity and the field count for, beside the dense filter's tests."""
+"""What the unaided gravity and the field count for, and what a ground station's rate hides."""
+
+from math import degrees
 
 import numpy as np
 import pytest
 
+from estimator.aiding import acceleration_tilt as tilts
 from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.inertial import Prediction
@@ -13,18 +16,21 @@ from estimator.aiding.types import (
     HARD_IRON,
     SIZE,
     TURN,
+    VELOCITY,
+    AccelerationTilt,
     AidingParams,
     North,
+    Roughness,
     StepInputs,
 )
+from estimator.aiding.unseen import add_hole, add_unseen_turn, watch_roughness
 from estimator.aiding.velocity_history import new_velocity_history
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.quaternion import normalize
-from estimator.types import ZERO_VEC3, Sample
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Sample
 
 PARAMS = AidingParams()
 BLANK, _, _ = blank_aiding(PARAMS)
-BESIDE = StepInputs((0.0, 0.0, 1.0), 0.1, 0.0, North(is_known=True, direction=(1.0, 0.0)))
 
 
 def test_declination_of_a_field_learnt_the_wrong_way_round():
@@ -32,12 +38,6 @@ def test_declination_of_a_field_learnt_the_wrong_way_round():
     P, x = np.eye(SIZE), np.zeros(SIZE)
     field.learn_declination(P, x, (-0.2, 0.02, 0.42), (1.0, 0.0), 1.0)
     assert abs(x[EARTH + 1]) == pytest.approx(0.61, rel=0.2)
-
-
-def prediction(q_ned_frd):
-    """At rest with that attitude, of which nothing is known."""
-    estimate = BLANK.estimate._replace(q_ned_frd=q_ned_frd)
-    return Prediction(estimate, ZERO_VEC3, ZERO_VEC3, new_velocity_history(ZERO_VEC3), np.eye(SIZE))
 
 
 @pytest.mark.parametrize("is_known", [True, False])
@@ -80,14 +80,12 @@ def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is
 )
 def test_iron_is_forgotten_once_the_places_field_explains_the_readings(place, iron_gauss, forgets):
     north, seen = North(True, (1.0, 0.0)), (0.2, 0.0, 0.42)
-    now = prediction((1.0, 0.0, 0.0, 0.0))
-    estimate = now.estimate._replace(
-        earth_gauss=seen, hard_iron_gauss=(0.08, -0.05, 0.1), gyr_bias_rad_s=ZERO_VEC3
-    )
-    now = now._replace(estimate=estimate, covariance=1e-6 * np.eye(SIZE))
+    estimate = BLANK.estimate._replace(earth_gauss=seen, hard_iron_gauss=(0.08, -0.05, 0.1))
+    history, P = new_velocity_history(ZERO_VEC3), 1e-6 * np.eye(SIZE)
+    now = Prediction(estimate, ZERO_VEC3, ZERO_VEC3, history, P)
     mag = tuple(a + b for a, b in zip(seen, iron_gauss, strict=True))
     sample = Sample(ZERO_VEC3, ZERO_VEC3, mag, True, 0.1)
-    others = BESIDE._replace(north=north, place_gauss=place)
+    others = StepInputs((0.0, 0.0, 1.0), 0.1, 0.0, north)._replace(place_gauss=place)
     known = BLANK.field._replace(
         look=FieldLook(horizontal=0.2, down=0.42, confidence=1.0), samples=99.0
     )
@@ -102,3 +100,80 @@ def test_iron_is_forgotten_once_the_places_field_explains_the_readings(place, ir
         assert x[HARD_IRON : HARD_IRON + 3] == pytest.approx((-0.08, 0.05, -0.1))
         assert x[EARTH : EARTH + 3] == pytest.approx(ZERO_VEC3)
         assert now.covariance[HARD_IRON, HARD_IRON] == PARAMS.hard_iron_sigma_gauss**2
+
+
+def unseen_turn_deg(readings, dt_s):
+    """Sigma (deg) of the turn that the last step has missed, after readings about one axis."""
+    rough = Roughness(0.0, 0.0, 0.0)
+    P = np.zeros((SIZE, SIZE))
+    for first, second, third in zip(readings, readings[1:], readings[2:], strict=False):
+        second_difference = ((third - second) - (second - first), 0.0, 0.0)
+        P[:] = 0.0
+        add_unseen_turn(PARAMS, P, rough, second_difference, dt_s, dt_s)
+        rough = watch_roughness(rough, second_difference, (third - second, 0.0, 0.0), dt_s)
+    return degrees(np.sqrt(P[TURN, TURN] + P[TURN + 1, TURN + 1] + P[TURN + 2, TURN + 2]))
+
+
+SHAKEN = (0.5 * np.random.default_rng(1).standard_normal(60)).tolist()
+
+
+@pytest.mark.parametrize(
+    ("readings", "dt_s", "turn_deg"),
+    [
+        # independent ones: the mean of two is off their mean by 0.35 rad/s, 8.1 deg in 0.4 s
+        (SHAKEN, 0.4, 6.1),
+        ((0.7 * np.sin(np.arange(60) * 0.6)).tolist(), 0.4, 0.03),  # a swing that they show
+        (SHAKEN, 0.02, 0.0),  # a fast stream hides nothing more
+    ],
+)
+def test_what_aliased_readings_hide_is_reckoned_with(readings, dt_s, turn_deg):
+    assert unseen_turn_deg(readings, dt_s) == pytest.approx(turn_deg, rel=0.2, abs=0.0)
+
+
+def test_a_hole_may_hide_any_turn():
+    P = np.zeros((SIZE, SIZE))
+    add_hole(P, 0.9)
+    assert not P.any()
+    add_hole(P, 3.0)
+    assert degrees(np.sqrt(P[TURN, TURN])) == pytest.approx(34.4, rel=0.01)
+    assert np.sqrt(P[VELOCITY, VELOCITY]) == pytest.approx(0.6 * 9.80665)
+
+
+def pushed(felt, reported):
+    """A vehicle that has felt the one and reported the other for 10 s, m/s^2 to the north."""
+    tilt = AccelerationTilt(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
+    for k in range(40):
+        tilt = tilts.watch_acceleration_tilt(tilt, (felt, 0.0, -STANDARD_GRAVITY_M_S2), 0.25)
+        tilt = tilts.with_latest(tilt, (reported * 0.25 * k, 0.0, 0.0))
+    return tilt
+
+
+@pytest.mark.parametrize(
+    ("felt", "reported", "is_silent", "tilt_deg"),
+    [
+        (5.0, 5.0, False, 28.0),  # 5 m/s^2 of 9.8: 29 deg
+        (5.0, 0.0, False, 0.0),  # a wrong attitude
+        (0.0, 5.0, False, 0.0),  # a wrong receiver
+        (5.0, 0.0, True, 28.0),
+    ],
+)
+def test_only_an_acceleration_that_is_felt_and_reported_tilts_the_unaided_vertical(
+    felt, reported, is_silent, tilt_deg
+):
+    found = degrees(tilts.acceleration_tilt_angle(pushed(felt, reported), is_silent, 0.0))
+    assert found == pytest.approx(tilt_deg, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("felt", "reported", "explains"),
+    [
+        (5.0, 5.0, True),
+        (3.0, 5.0, True),
+        (2.0, 5.0, False),  # explains too little of it
+        (-5.0, 5.0, False),  # has it the wrong way round
+        (0.5, 0.5, False),  # too little to decide
+        (float("nan"), 5.0, False),
+    ],
+)
+def test_an_attitude_explains_a_clear_acceleration_that_it_has_felt(felt, reported, explains):
+    assert tilts.explains_acceleration(pushed(felt, reported)) == explains

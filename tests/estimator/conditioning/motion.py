@@ -9,21 +9,9 @@ from estimator.conditioning.gather import NOTHING, Gathered
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.rate import is_mean
 from estimator.conditioning.state import ConditioningState, initial_state
-from estimator.geometry.quaternion import (
-    angle_between_vectors,
-    exp,
-    multiply,
-    normalize,
-    rotate_inverse,
-)
+from estimator.geometry import quaternion as qn
+from estimator.live import kernel_handle
 from estimator.live.core import in_arrays, initial_core
-from estimator.live.kernel_handle import (
-    NO_ROWS_BOUND,
-    contents,
-    new_handle,
-    params_of,
-    takes_handle,
-)
 from estimator.live.settings import settings_of
 from estimator.live.step import Situation
 from estimator.profile import load_profile
@@ -71,15 +59,15 @@ def fly(
     for k in range(round(seconds / dt)):
         w = rate(k * dt)
         part = 0.5 * dt if is_mean(dt, averaged=False) else dt
-        felt = normalize(multiply(q, exp((w[0] * part, w[1] * part, w[2] * part))))
-        q = normalize(multiply(q, exp((w[0] * dt, w[1] * dt, w[2] * dt))))
+        felt = qn.normalize(qn.multiply(q, qn.exp((w[0] * part, w[1] * part, w[2] * part))))
+        q = qn.normalize(qn.multiply(q, qn.exp((w[0] * dt, w[1] * dt, w[2] * dt))))
         history.append(q)
         then = history[max(0, len(history) - 1 - behind)]
-        m = rotate_inverse(then, FIELD_NED)
+        m = qn.rotate_inverse(then, FIELD_NED)
         yield Sample(
             q,
             (w[0] + bias[0], w[1] + bias[1], w[2] + bias[2]),
-            rotate_inverse(felt, (0.0, 0.0, -GRAVITY_M_S2)),
+            qn.rotate_inverse(felt, (0.0, 0.0, -GRAVITY_M_S2)),
             (m[0] + offset[0], m[1] + offset[1], m[2] + offset[2]),
         )
 
@@ -92,7 +80,7 @@ class Memory(NamedTuple):
 
 
 SETTINGS = settings_of(load_profile("imu"))
-step = takes_handle(NO_SAMPLE)(condition)
+step = kernel_handle.takes_handle(NO_SAMPLE)(condition)
 
 
 class Stage:
@@ -101,12 +89,13 @@ class Stage:
     def __init__(self, params: ConditioningParams, memory: Memory | None = None) -> None:
         known, gathered = memory or Memory(initial_state(params))
         core = in_arrays(initial_core(SETTINGS))._replace(conditioning=known, gathered=gathered)
-        chosen = params_of(SETTINGS)._replace(conditioning=params)
-        self._handle = new_handle(chosen, core, Situation(), *NO_ROWS_BOUND)
+        chosen = kernel_handle.params_of(SETTINGS)._replace(conditioning=params)
+        rows = kernel_handle.NO_ROWS_BOUND
+        self._handle = kernel_handle.new_handle(chosen, core, Situation(), *rows)
 
     def take(self, sample: Reading) -> tuple[Conditioned, Memory]:
         """What becomes of a sample, and what is remembered behind it."""
-        out, core = step(self._handle, sample), contents(self._handle)
+        out, core = step(self._handle, sample), kernel_handle.contents(self._handle)
         return out, Memory(core.conditioning, core.gathered)
 
 
@@ -124,5 +113,6 @@ def conditioned(
 
 def vector_errors_rad(out: Conditioned, q_ned_frd: Quaternion) -> tuple[float, float]:
     """How far gravity and north lie from those of the true attitude."""
-    down, north = (rotate_inverse(q_ned_frd, v) for v in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)))
-    return angle_between_vectors(out.gravity_b, down), angle_between_vectors(out.magnetic_b, north)
+    down, north = (qn.rotate_inverse(q_ned_frd, v) for v in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)))
+    apart_rad = qn.angle_between_vectors
+    return apart_rad(out.gravity_b, down), apart_rad(out.magnetic_b, north)

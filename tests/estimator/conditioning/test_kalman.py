@@ -5,25 +5,13 @@ from math import radians, sqrt
 import numpy as np
 import pytest
 
-from estimator.conditioning.field.calibration import (
-    Calibration,
-    correct_field,
-    learn_calibration,
-    own_field,
-)
+from estimator.conditioning.field import calibration
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.field.step import heading_noise, learn_heading
 from estimator.conditioning.params import FORGET_S, ConditioningParams
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.state import initial_state
-from estimator.conditioning.vertical.bias import (
-    Estimate,
-    Lagged,
-    inflate_heading,
-    learn_at_rest,
-    learn_in_motion,
-    predict,
-)
+from estimator.conditioning.vertical import bias as bias_filter
 from estimator.conditioning.vertical.lowpass import Smooth, coefficients
 from estimator.conditioning.vertical.stillness import RestState, Stillness
 from estimator.geometry.axes import FrameAxes, axes_of
@@ -67,7 +55,9 @@ def updated(x, p, h, innovation, noises):
 
 def estimate_of(rng):
     p = hanging_together(rng, rng.uniform(0.3, 1.0, 4) * (0.004, 0.007, 0.002, 0.3))
-    return Estimate(tuple(rng.normal(0.0, 0.004, 3)), float(rng.uniform(-1.0, 1.0)), upper_of(p))
+    return bias_filter.Estimate(
+        tuple(rng.normal(0.0, 0.004, 3)), float(rng.uniform(-1.0, 1.0)), upper_of(p)
+    )
 
 
 def vector_of(estimate):
@@ -92,7 +82,7 @@ def test_time_passes_as_in_matrices(rng):
     turning, unseen = rng.uniform(0.1, 2.0), rng.uniform(0.0, 1e-4)
     heading = k.heading_growth + PARAMS.heading_turning_noise_s * turning * DT + unseen
     grown = f @ p @ f.T + np.diag([k.bias_growth] * 3 + [heading])
-    assert_is(predict(PARAMS, k, before, tuple(down), turning, unseen), x, grown)
+    assert_is(bias_filter.predict(PARAMS, k, before, tuple(down), turning, unseen), x, grown)
 
 
 def test_rest_shows_the_bias(rng):
@@ -103,7 +93,7 @@ def test_rest_shows_the_bias(rng):
     rest = RestState(gyr=Smooth(tuple(gyr), STILL))
     still = Stillness(turning=tuple(turning), level_variance=level, down_variance=down)
     axes = axes_of(normalize(tuple(rng.normal(size=4))))
-    after = learn_at_rest(PARAMS, k, before, axes, rest, still)
+    after = bias_filter.learn_at_rest(PARAMS, k, before, axes, rest, still)
     noises = k.rest_noise + np.array([level, level, down]) * PARAMS.rest_time_s / DT
     h = np.column_stack([axes, np.zeros(3)])
     x, p = updated(x, p, h, h[:, :3] @ (gyr - turning - x[:3]), noises)
@@ -115,21 +105,24 @@ def test_levelling_in_motion_shows_the_bias(rng):
     k, before = coefficients(PARAMS, DT, 1.0), estimate_of(rng)
     axes = rng.normal(0.0, 0.5, (2, 3))
     drift, step = rng.normal(0.0, 0.003, 2), rng.normal(0.0, 1e-4, 2)
-    lagged = Lagged(*(Smooth(tuple(v), STILL) for v in (*axes, (*drift, 0.0))))
+    lagged = bias_filter.Lagged(*(Smooth(tuple(v), STILL) for v in (*axes, (*drift, 0.0))))
     x, p = vector_of(before)
     # as uncertain as the bias is, so that the second axis has much to take off
     unseen = float(rng.uniform(1e-6, 1e-5))
     h = np.column_stack([axes, np.zeros(2)])
-    after = learn_in_motion(PARAMS, k, before, lagged, tuple(step), unseen)
+    after = bias_filter.learn_in_motion(PARAMS, k, before, lagged, tuple(step), unseen)
     noises = [k.motion_noise + unseen] * 2
     assert_is(after, *updated(x, p, h, -step / DT + drift - axes @ x[:3], noises))
 
 
-def test_the_fields_heading_shows_heading_and_bias(rng):
-    before = estimate_of(rng)
+def field_of(confidence, age_s):
     field = initial_state(PARAMS).field.magnetic
-    reference = field.reference._replace(horizontal=0.2, down=0.42, age_s=30.0)
-    field = field._replace(look=FieldLook(0.2, 0.42, 0.7), reference=reference)
+    reference = field.reference._replace(horizontal=0.2, down=0.42, age_s=age_s)
+    return field._replace(look=FieldLook(0.2, 0.42, confidence), reference=reference)
+
+
+def test_the_fields_heading_shows_heading_and_bias(rng):
+    before, field = estimate_of(rng), field_of(0.7, 30.0)
     off, tilt_variance = float(rng.uniform(-0.4, 0.4)), float(rng.uniform(0.0, 0.01))
     x, p = vector_of(before)
     noise = heading_noise(PARAMS, field, 0.8) / DT + tilt_variance * (0.42 / 0.2) ** 2
@@ -142,7 +135,7 @@ def test_the_fields_heading_shows_heading_and_bias(rng):
 def test_inflating_the_heading_leaves_the_bias_as_it_is():
     before = estimate_of(np.random.default_rng(1))
     x, p = vector_of(before)
-    assert_is(inflate_heading(before, 0.3), x, p + np.diag([0.0, 0.0, 0.0, 0.3]))
+    assert_is(bias_filter.inflate_heading(before, 0.3), x, p + np.diag([0.0, 0.0, 0.0, 0.3]))
 
 
 def body_that_has_turned(rng):
@@ -170,7 +163,7 @@ def test_a_turning_body_shows_lag_and_own_field(rng, turned):
     y = rng.normal((0.4, 0.1, 0.7), 0.1)
     means = state.means._replace(field=tuple(y - rng.normal(0.0, 0.1, 3)))
     state = state._replace(means=means, scatter=0.004)
-    after = learn_calibration(
+    after = calibration.learn_calibration(
         params, state, axes, tuple(gyr), tuple((norm * y).tolist()), norm, DT, 0.0
     ).learnt
 
@@ -185,7 +178,7 @@ def test_a_turning_body_shows_lag_and_own_field(rng, turned):
     h = np.column_stack([rows, dx])
     high_pass_s = PARAMS.calibration_high_pass_s
     scatter = (1.0 - DT / (high_pass_s + DT)) * 0.004
-    kept_on = x[:3] - own_field(state.learnt)[0]  # no error: it has not been taken off
+    kept_on = x[:3] - calibration.own_field(state.learnt)[0]  # no error: it has not been taken off
     x, p = updated(
         x, p + np.diag(grown), h, dy - rows @ kept_on, [(0.0002 + high_pass_s * scatter) / DT] * 3
     )
@@ -198,7 +191,7 @@ def test_what_changes_the_field_of_a_body_that_stands_still_is_scatter():
     axes = axes_of((1.0, 0.0, 0.0, 0.0))
     state = initial_state(PARAMS).field.calibration
     for field in ((0.2, 0.0, 0.42), (0.23, 0.0, 0.40)):
-        state = learn_calibration(PARAMS, state, axes, STILL, field, 0.46, DT, 0.0)
+        state = calibration.learn_calibration(PARAMS, state, axes, STILL, field, 0.46, DT, 0.0)
     change = 0.5 * np.array((0.03, 0.0, -0.02)) / 0.46
     share = DT / (PARAMS.calibration_high_pass_s + DT)
     assert state.scatter == pytest.approx(share * np.dot(change, change) / 3.0)
@@ -208,35 +201,26 @@ def test_what_changes_the_field_of_a_body_that_stands_still_is_scatter():
 def test_of_an_own_field_the_share_counts_that_is_no_error(sigma, share):
     covariance = (sigma**2, 0.3, 0.2, 0.1, sigma**2, 0.1, 0.2, sigma**2, 0.3, 0.1)
     offset = np.array((0.03, 0.0, 0.04))
-    found, left = own_field(Calibration(0.0, tuple(offset.tolist()), covariance, 0.48))
+    found, left = calibration.own_field(
+        calibration.Calibration(0.0, tuple(offset.tolist()), covariance, 0.48)
+    )
     assert found == pytest.approx(tuple(share * offset))
     assert left == pytest.approx(share * sigma**2 / 9.0)
-    assert own_field(Calibration(0.0, STILL, covariance, 0.48)) == (STILL, 0.0)
+    assert calibration.own_field(calibration.Calibration(0.0, STILL, covariance, 0.48)) == (
+        STILL,
+        0.0,
+    )
 
 
 def test_a_field_is_taken_without_the_own_one_and_turned_on_by_its_age(rng):
     """It is 40 ms old, which leaves an error of third order in the turn."""
     w, m = rng.normal(0.0, 1.2, 3), rng.normal(size=3)
-    learnt = Calibration(0.04, tuple(rng.normal(0.0, 0.1, 3)), (0.05,) * 10, 0.48)
-    own, _ = own_field(learnt)  # the share of it that is no error
-    found = correct_field(tuple(m + 0.48 * np.array(own)), tuple(w), learnt)
+    learnt = calibration.Calibration(0.04, tuple(rng.normal(0.0, 0.1, 3)), (0.05,) * 10, 0.48)
+    own, _ = calibration.own_field(learnt)  # the share of it that is no error
+    found = calibration.correct_field(tuple(m + 0.48 * np.array(own)), tuple(w), learnt)
     now = rotate(exp(tuple(-0.04 * w)), tuple(m))
     third_order = np.linalg.norm(0.04 * w) ** 3 / 6.0 * np.linalg.norm(m)
     assert np.linalg.norm(np.subtract(found, now)) < 1.01 * third_order
-
-
-OLD_S = 1e5  # of a field: nothing is early any more
-
-
-def field_of(confidence, age_s, horizontal=0.2, down=0.4):
-    field = initial_state(PARAMS).field.magnetic
-    reference = field.reference._replace(horizontal=horizontal, down=down, age_s=age_s)
-    return field._replace(look=FieldLook(horizontal, down, confidence), reference=reference)
-
-
-def with_heading_sigma(heading_sigma):
-    estimate = initial_state(PARAMS).vertical.estimate
-    return estimate._replace(covariance=(*estimate.covariance[:9], heading_sigma**2))
 
 
 @pytest.mark.parametrize(("lasts_s", "sigma_deg", "expected"), [(0.3, 4.0, 1.0), (1.0, 1.5, 0.48)])
@@ -245,15 +229,17 @@ def test_variance_is_that_of_the_errors_of_a_field_that_drifts(lasts_s, sigma_de
     rng = np.random.default_rng(7)
     step_s = 0.05
     k = coefficients(PARAMS, step_s, 1.0)
-    field = field_of(1.0, OLD_S)
+    field = field_of(1.0, 1e5)  # nothing is early any more
+    first = initial_state(PARAMS).vertical.estimate
+    first = first._replace(covariance=(*first.covariance[:9], radians(5.0) ** 2))
     sigma, left = radians(sigma_deg), np.exp(-step_s / lasts_s)
     ratios = []
     for _ in range(100):
-        estimate = with_heading_sigma(radians(5.0))
+        estimate = first
         truth, bias = rng.normal(0.0, radians(5.0)), rng.normal(0.0, radians(0.5))
         error = rng.normal(0.0, sigma)
         for drift, noise in rng.normal(size=(1200, 2)):
-            estimate = predict(PARAMS, k, estimate, (0.0, 0.0, 1.0), 0.0, 0.0)
+            estimate = bias_filter.predict(PARAMS, k, estimate, (0.0, 0.0, 1.0), 0.0, 0.0)
             truth -= step_s * (bias - estimate.bias_rad_s[2])
             truth += drift * sqrt(k.heading_growth)
             error = left * error + sqrt(1.0 - left * left) * sigma * noise

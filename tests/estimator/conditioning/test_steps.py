@@ -1,7 +1,7 @@
 """Each step by itself."""
 
 import itertools
-from math import atan2, cos, degrees, expm1, pi, radians, sin
+from math import atan2, cos, degrees, pi, radians, sin
 
 import numpy as np
 import pytest
@@ -20,16 +20,8 @@ from estimator.conditioning.state import apply_turn, initial_state
 from estimator.conditioning.vertical.gravity import level, observe_gravity
 from estimator.conditioning.vertical.lowpass import Smooth, coefficients
 from estimator.conditioning.vertical.stillness import RestState, observe_rest
+from estimator.geometry import quaternion as qn
 from estimator.geometry.axes import axes_of
-from estimator.geometry.quaternion import (
-    angle_between,
-    angle_between_vectors,
-    exp,
-    multiply,
-    normalize,
-    rotate_inverse,
-    scale,
-)
 from estimator.types import ZERO_VEC3
 from tests.estimator.conditioning.motion import (
     PARAMS,
@@ -81,8 +73,8 @@ def test_gravity_ignores_shaking_and_any_norm():
     for i in range(1500):
         u = (4.9 * sin(9.0 * i * dt), 0.0, 0.85 * 9.81)
         gravity, _ = level(observe_gravity(PARAMS, k, gravity, u, 0.0, 0.0))
-    down = rotate_inverse(gravity.q_6d_g, (0.0, 0.0, 1.0))
-    assert angle_between_vectors(down, (0.0, 0.0, 1.0)) < radians(0.0024)  # measured 0.0020
+    down = qn.rotate_inverse(gravity.q_6d_g, (0.0, 0.0, 1.0))
+    assert qn.angle_between_vectors(down, (0.0, 0.0, 1.0)) < radians(0.0024)  # measured 0.0020
 
 
 def test_motion_bias_is_learnt_without_any_rest():
@@ -156,7 +148,7 @@ def shaken(seed, push_m_s2=3.0, rates_hz=(0.5, 0.7, 0.9)):
             push_m_s2 * cos(2.0 * pi * rate * dt * i + phase)
             for rate, phase in zip(rates_hz, phases, strict=True)
         ]
-        pushed = rotate_inverse(s.q_ned_frd, tuple(push))
+        pushed = qn.rotate_inverse(s.q_ned_frd, tuple(push))
         yield s._replace(acc=tuple(a + b for a, b in zip(s.acc, pushed, strict=True)))
 
 
@@ -223,16 +215,16 @@ def test_integration_rate_beats_the_plain_one_on_coning(averaged, off_rad, plain
     for k in range(n):
         fine_rates = [rate(k * dt + (i + 0.5) * dt / fine) for i in range(fine)]
         for w in fine_rates:
-            truth = normalize(multiply(truth, exp(tuple(dt / fine * x for x in w))))
+            truth = qn.normalize(qn.multiply(truth, qn.exp(tuple(dt / fine * x for x in w))))
         mean = tuple(float(x) for x in np.mean(fine_rates, axis=0))
         sample = mean if averaged else rate((k + 1) * dt)
         before = previous or (sample if averaged else rate(0.0))
         turn = integration_rate(before, sample, dt, averaged)
-        plain = normalize(multiply(plain, exp(tuple(dt * x for x in sample))))
-        better = normalize(multiply(better, exp(tuple(dt * x for x in turn))))
+        plain = qn.normalize(qn.multiply(plain, qn.exp(tuple(dt * x for x in sample))))
+        better = qn.normalize(qn.multiply(better, qn.exp(tuple(dt * x for x in turn))))
         previous = sample
-    assert angle_between(better, truth) == pytest.approx(off_rad, rel=0.2)
-    assert angle_between(plain, truth) == pytest.approx(plain_rad, rel=0.2)
+    assert qn.angle_between(better, truth) == pytest.approx(off_rad, rel=0.2)
+    assert qn.angle_between(plain, truth) == pytest.approx(plain_rad, rel=0.2)
 
 
 RATE = (1.5, -2.0, 0.7)  # rad/s
@@ -243,9 +235,9 @@ def test_a_mean_over_the_step_is_turned_to_its_end(dt):
     """What is left is of second order in the turn; the wrong way it would be the turn itself."""
     fixed = (0.3, 0.8, -0.5)
     times = (np.arange(1000) + 0.5) / 1000 * dt
-    seen = np.array([rotate_inverse(exp(scale(t, RATE)), fixed) for t in times])
+    seen = np.array([qn.rotate_inverse(qn.exp(qn.scale(t, RATE)), fixed) for t in times])
     mean = tuple(seen.mean(axis=0).tolist())
-    at_end = rotate_inverse(exp(scale(dt, RATE)), fixed)
+    at_end = qn.rotate_inverse(qn.exp(qn.scale(dt, RATE)), fixed)
     turn = dt * np.linalg.norm(RATE)
     off = np.linalg.norm(np.subtract(at_interval_end(mean, RATE, dt), at_end))
     assert off == pytest.approx(0.067 * turn**2, rel=0.2)
@@ -271,8 +263,8 @@ def test_an_unsensed_turn_is_noticed_and_recovered_from(axis, motion):
     samples = list(fly(motion, 40.0, dt))
     memory, seen = run(samples[:3000], dt)
     q = samples[2999].q_ned_frd
-    body = rotate_inverse(q, axis)
-    memory = Memory(*apply_turn(*memory, exp(tuple(angle * x for x in body))))
+    body = qn.rotate_inverse(q, axis)
+    memory = Memory(*apply_turn(*memory, qn.exp(tuple(angle * x for x in body))))
     _, after = run(samples[3000:], dt, memory=memory)
     assert has_noticed_a_turn(after)
     assert not has_noticed_a_turn(seen)
@@ -296,7 +288,7 @@ def test_a_passing_magnet_is_no_turn(seed):
 
     _, seen = run((beside_it(i, s) for i, s in enumerate(fly(resting, 60.0, dt))), dt)
     assert not has_noticed_a_turn(seen)
-    north = [angle_between_vectors(out.magnetic_b, (1.0, 0.0, 0.0)) for _, out, _ in seen]
+    north = [qn.angle_between_vectors(out.magnetic_b, (1.0, 0.0, 0.0)) for _, out, _ in seen]
     assert max(north) < radians(1.14)  # measured 0.95
 
 
@@ -318,21 +310,3 @@ def test_magnetometer_at_a_quarter_of_the_rate():
     assert vector_errors_rad(out, s.q_ned_frd)[1] < radians(1.66)  # measured 1.39
     least = min(out.magnetic_confidence for _, out, _ in seen)
     assert 1.0 - least == pytest.approx(0.024, rel=0.2)
-
-
-def test_the_long_mean_follows_the_low_passed_force_three_times_as_slowly():
-    """A force that steps: the mean of the low-passed one lags by three of its time constants."""
-    k = coefficients(PARAMS, 0.01, 1.0)
-    gravity = initial_state(PARAMS).vertical.gravity
-    for second in range(200):
-        u = (0.0, 0.0, 9.8) if second < 60 else (1.2, -0.4, 9.6)
-        for _ in range(100):
-            before = gravity.force
-            gravity = observe_gravity(PARAMS, k, gravity, u, 0.0, 0.0)
-        if second == 62:
-            share = -expm1(-0.01 / PARAMS.gravity_tau_s) / 3.0
-            down = np.array(gravity.force.down.value)
-            expected = np.array(before.long) + share * (down - np.array(before.long))
-            assert gravity.force.long == pytest.approx(expected)
-            assert 0.1 < gravity.force.long[0] < 0.5 * down[0]
-    assert gravity.force.long == pytest.approx((1.2, -0.4, 9.6), abs=1e-3)

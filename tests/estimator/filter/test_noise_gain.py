@@ -6,18 +6,6 @@ from hypothesis import given
 
 from drivers.simulation.simulated_vehicle import GYRO_NOISE_RAD_S, VECTOR_NOISE
 from estimator.filter import kernel, noise_gain
-from estimator.filter.noise_gain import (
-    LARGEST_GAIN,
-    NO_NOISE,
-    RESTING_LEAST,
-    RESTING_MOST,
-    RESTING_SHARE,
-    descend,
-    noise_surface,
-    observe_floor,
-    resting_gain,
-    squared_change,
-)
 from estimator.filter.observation import raw_vectors
 from estimator.filter.types import initial_state
 from estimator.geometry.quaternion import exp, rotate_inverse, unit
@@ -44,23 +32,23 @@ def run(scale, start=None, seed=11, samples=SAMPLES):
     return states
 
 
-@given(FLOORS, FLOORS, FLOORS, floats(RESTING_LEAST, RESTING_MOST))
+@given(FLOORS, FLOORS, FLOORS, floats(noise_gain.RESTING_LEAST, noise_gain.RESTING_MOST))
 def test_the_surface_never_descends(error, rate, more, resting):
-    K = noise_surface(resting, error, rate)
-    assert resting * (1.0 - 1e-12) <= K <= LARGEST_GAIN * (1.0 + 1e-12)
-    assert noise_surface(resting, error + more, rate) >= K * (1.0 - 1e-12)
-    assert noise_surface(resting, error, rate + more) >= K * (1.0 - 1e-12)
+    K = noise_gain.noise_surface(resting, error, rate)
+    assert resting * (1.0 - 1e-12) <= K <= noise_gain.LARGEST_GAIN * (1.0 + 1e-12)
+    assert noise_gain.noise_surface(resting, error + more, rate) >= K * (1.0 - 1e-12)
+    assert noise_gain.noise_surface(resting, error, rate + more) >= K * (1.0 - 1e-12)
 
 
 def test_the_surface_has_no_steps():
     """K grows by at most the factor that 2 % of an input make of the table's steepest slope."""
     grid = np.geomspace(1.0, 20.0, 152)
-    K = np.array([[noise_surface(2.0, e, d) for e in grid] for d in grid])
-    most = (LARGEST_GAIN / 2.0) ** (0.5 * np.log(grid[1] / grid[0]) / np.log(1.15))
+    K = np.array([[noise_gain.noise_surface(2.0, e, d) for e in grid] for d in grid])
+    most = (noise_gain.LARGEST_GAIN / 2.0) ** (0.5 * np.log(grid[1] / grid[0]) / np.log(1.15))
     for axis in (0, 1):
         assert np.exp(np.abs(np.diff(np.log(K), axis=axis))).max() <= most * (1.0 + 1e-9)
     assert K.min() == pytest.approx(2.0)
-    assert K.max() == pytest.approx(LARGEST_GAIN)
+    assert K.max() == pytest.approx(noise_gain.LARGEST_GAIN)
 
 
 @pytest.mark.parametrize(("gyroscope", "vectors"), [(1.0, 1.0), (5.0, 1.0), (1.0, 5.0), (0.5, 3.0)])
@@ -87,24 +75,24 @@ def test_turning_is_no_noise():
     turn = (0.03, -0.04, 0.0)
     before = unit((1.0, 2.0, 3.0))
     now = rotate_inverse(exp(turn), before)
-    assert squared_change(before, now, turn) < (0.5 * 0.05**2) ** 2
-    assert squared_change(before, now, (0.0, 0.0, 0.0)) > 0.03**2
+    assert noise_gain.squared_change(before, now, turn) < (0.5 * 0.05**2) ** 2
+    assert noise_gain.squared_change(before, now, (0.0, 0.0, 0.0)) > 0.03**2
 
 
 def test_the_resting_gain_is_a_kalman_filters_share():
-    noise = NO_NOISE._replace(samples=9.0, rate_variance=0.2**2, vector_variance=0.05**2)
-    expected = RESTING_SHARE * 0.2 / 0.05
-    assert resting_gain(noise, 60.0) == pytest.approx(expected)
-    assert resting_gain(noise._replace(vector_variance=1.0), 60.0) == RESTING_LEAST
-    assert resting_gain(noise._replace(vector_variance=0.0), 60.0) == RESTING_MOST
+    noise = noise_gain.NO_NOISE._replace(samples=9.0, rate_variance=0.2**2, vector_variance=0.05**2)
+    expected = noise_gain.RESTING_SHARE * 0.2 / 0.05
+    assert noise_gain.resting_gain(noise, 60.0) == pytest.approx(expected)
+    for variance, gain in ((1.0, noise_gain.RESTING_LEAST), (0.0, noise_gain.RESTING_MOST)):
+        assert noise_gain.resting_gain(noise._replace(vector_variance=variance), 60.0) == gain
     for near, is_kept in ((1.09, True), (1.10, False), (0.90, True), (0.89, False)):
-        kept = resting_gain(noise, near * expected)
+        kept = noise_gain.resting_gain(noise, near * expected)
         assert kept == pytest.approx((near if is_kept else 1.0) * expected)
 
 
 @given(floats(0.5, 120.0), floats(1.0, 30.0), floats(0.0, 60.0))
 def test_the_descent_ends_at_the_resting_gain(gain, resting, dt):
-    K = descend(gain, resting, dt)
+    K = noise_gain.descend(gain, resting, dt)
     assert min(gain, resting) * (1.0 - 1e-9) <= K <= max(gain, resting) * (1.0 + 1e-9)
 
 
@@ -119,7 +107,7 @@ def test_more_noise_of_the_vectors_lowers_the_gain_and_of_the_gyroscope_raises_i
     assert gyroscope == pytest.approx(8.6, rel=0.2)
 
 
-NOISE = NO_NOISE._replace(samples=20.0, vector_variance=0.0025, error_floor=0.004)
+NOISE = noise_gain.NO_NOISE._replace(samples=20.0, vector_variance=0.0025, error_floor=0.004)
 
 
 @pytest.mark.parametrize(
@@ -132,18 +120,18 @@ NOISE = NO_NOISE._replace(samples=20.0, vector_variance=0.0025, error_floor=0.00
     ],
 )
 def test_the_floor_is_a_running_mean_of_e(floor, error, expected):
-    after = observe_floor(NOISE._replace(error_floor=floor), error, 0.02)
+    after = noise_gain.observe_floor(NOISE._replace(error_floor=floor), error, 0.02)
     assert after == NOISE._replace(error_floor=pytest.approx(expected))
 
 
 @pytest.mark.parametrize("before", [2.0, 40.0])
 def test_an_error_that_rises_opens_the_gain_and_one_that_falls_does_not(before):
     """It changes by six floors. The descent bounds the gain from below in both cases."""
-    resting = resting_gain(NOISE, before)
+    resting = noise_gain.resting_gain(NOISE, before)
     falls, rises = (
         noise_gain.noise_gain(NOISE, 0.002, sign * 0.024, before, 0.02) for sign in (-1.0, 1.0)
     )
-    opened = noise_surface(resting, 0.5, 6.0)
+    opened = noise_gain.noise_surface(resting, 0.5, 6.0)
     assert opened > 1.5 * resting
-    assert falls == pytest.approx(descend(before, resting, 0.02))
+    assert falls == pytest.approx(noise_gain.descend(before, resting, 0.02))
     assert rises == pytest.approx(max(opened, falls))

@@ -1,7 +1,7 @@
 """What must hold for every step of the filter: nothing overshoots, nothing diverges."""
 
 from math import exp as exponential
-from math import isfinite, radians, sqrt
+from math import isfinite, radians
 
 import numpy as np
 import pytest
@@ -13,18 +13,7 @@ from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import initial_state
 from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate_inverse, scale, unit
 from estimator.types import Sample
-from tests.estimator.filter.vehicles import (
-    FUZZY,
-    GAINS,
-    GAPS_S,
-    GRAVITY,
-    MAGNETIC,
-    PAPER,
-    RATES_HZ,
-    fixed,
-    seen_from,
-    three,
-)
+from tests.estimator.filter.vehicles import FUZZY, GRAVITY, MAGNETIC, PAPER, fixed, seen_from, three
 from tests.vocabulary import (
     IDENTITY,
     angle_rad,
@@ -35,6 +24,10 @@ from tests.vocabulary import (
     rotations,
     unit_vectors,
 )
+
+RATES_HZ = (1, 2, 4, 5, 10, 20, 25, 50, 99, 100, 101, 200, 400)
+GAINS = (1, 2, 5, 10, 20, 50, 70, 101)
+GAPS_S = (0.0115, 0.05, 0.5, 1.0, 7.0, 60.0)
 
 
 def error_after(backend, params, q, truth, dt, steps=1):
@@ -81,18 +74,6 @@ def test_steps_are_plain_up_to_the_jitter_of_a_clock(backend):
     assert is_plain(FUZZY, 0.01, gain=1.59 / (fastest * 0.01))
     assert not is_plain(FUZZY, 0.01, gain=1.61 / (fastest * 0.01))
     assert not is_plain(FUZZY._replace(euler_step_max_s=0.0), 1e-4)
-
-
-@pytest.mark.parametrize("rate_hz", [rate for rate in RATES_HZ if rate >= 90])
-def test_a_short_step_contracts(backend, rate_hz):
-    """Plain steps may pass the truth, but only by less than the error there was."""
-    rng = np.random.default_rng(33)
-    for gain in (*GAINS, 200, 1000):
-        for _ in range(10):
-            truth = random_quaternion(rng)
-            q = multiply(truth, exp(scale(1e-3, random_unit_vector(rng))))
-            (after,) = error_after(backend, fixed(gain), q, truth, 1.0 / rate_hz)
-            assert after < 0.999 * 1e-3
 
 
 @pytest.mark.parametrize("confidence", [0.1, 1.0, 5.0, 50.0])
@@ -160,22 +141,6 @@ def test_coupled_poles_lie_within_the_unit_circle():
                 turned = 2.0 * np.array(r) / w
                 jacobian[:, column] = np.concatenate((turned, state.gyr_bias_rad_s)) / h
             assert np.abs(np.linalg.eigvals(jacobian)).max() < 1.0 - 1e-6
-
-
-@pytest.mark.parametrize("gap_s", GAPS_S)
-def test_a_gap_does_not_throw_the_filter_off(backend, gap_s):
-    """A resting vehicle, silent for a while: the error grows by what the bias drifts, no more."""
-    truth = exp((0.3, -0.5, 0.7))
-    for params in (FUZZY, fixed(1), fixed(101)):
-        state = initial_state(multiply(truth, exp((0.05, -0.02, 0.03))))
-        vectors = seen_from(truth)
-        drift = 0.0
-        for dt in (*[0.01] * 20, gap_s, *[0.01] * 20):
-            # what the bias learnt so far drifts over the gap, and is corrected by some part of it
-            drift += dt * sqrt(dot(state.gyr_bias_rad_s, state.gyr_bias_rad_s))
-            state = backend.correct(params, backend.propagate(state, (0.0,) * 3, dt), vectors, dt)
-            assert angle_rad(state.q_ned_frd, truth) < 0.07 + drift
-        assert max(map(abs, state.gyr_bias_rad_s)) < 0.02
 
 
 @pytest.mark.parametrize("gap_s", GAPS_S)

@@ -6,7 +6,6 @@ from estimator.filter.memberships import midpoint
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, Vectors
 from estimator.geometry.quaternion import cross, rotate_inverse, unit
-from tests.vocabulary import random_unit_vector
 
 MAGNETIC = unit((1.0, -1.0, 1.0))
 GRAVITY = (0.0, 0.0, 1.0)
@@ -22,9 +21,6 @@ FUZZY = FilterParams(
     fixed_gain=1.0,
     gain_knows_noise=False,
 )
-RATES_HZ = (1, 2, 4, 5, 10, 20, 25, 50, 99, 100, 101, 200, 400)
-GAINS = (1, 2, 5, 10, 20, 50, 70, 101)
-GAPS_S = (0.0115, 0.05, 0.5, 1.0, 7.0, 60.0)
 
 
 def fixed(gain, **changes):
@@ -37,17 +33,6 @@ def seen_from(q, measured=PAPER):
     v2 = rotate_inverse(q, measured.gravity_ned)
     s1, s2, s3 = measured.s_magnetic, measured.s_gravity, measured.s_cross
     return Vectors(v1, measured.magnetic_ned, s1, v2, measured.gravity_ned, s2, s3)
-
-
-def random_vectors(rng):
-    """Measured and inertial directions that need not fit each other, with any confidences."""
-    s1, s2, s3 = (rng.uniform(0.0, 5.0, 3) * (rng.random(3) < 0.8)).tolist()
-    v = [random_unit_vector(rng) for _ in range(4)]
-    return Vectors(v[0], v[1], s1, v[2], v[3], s2, s3)
-
-
-def vex(A):
-    return np.array([A[2, 1], A[0, 2], A[1, 0]])
 
 
 def three(q, truth, s):

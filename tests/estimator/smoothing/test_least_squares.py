@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.conditioning.vertical.averaging import WINDOW_S
-from estimator.geometry.metrics import batch_angle_errors
+from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.rotations import about_down, chained, conjugate, exp, log, rotate
 from estimator.live.rows import ROW, report_of, report_rows_of
 from estimator.profile import load_profile
@@ -16,7 +16,7 @@ from estimator.smoothing.heading import SCALE_SIGMA, least_squares, variances
 from estimator.smoothing.recording import Estimates, joined
 from estimator.smoothing.windows import low_passed
 from estimator.types import RateSample, VelocitySample
-from tests.flight import banked_flight, flown
+from tests.flight import HEADING, banked_flight, changed, flown
 
 RNG = np.random.default_rng(5)
 
@@ -82,7 +82,7 @@ def test_pieces_with_wide_margins_are_what_the_whole_is(monkeypatch):
 MIRRORED_US = 10_000_000
 
 
-def velocity(time_us: int, north_m_s: float) -> VelocitySample:
+def velocity(time_us, north_m_s):
     return VelocitySample(time_us, (north_m_s, 0.0, -1.0), True, 0.1, late_sigma_s=0.05)
 
 
@@ -150,17 +150,13 @@ def disturbed_flight():
     is_turned = (time_s >= TURNED_S[0]) & (time_s < TURNED_S[1])
     field = rotate(q, np.array([s.mag_gauss for s in flight.samples]))
     field = rotate(about_down(np.where(is_turned, TURNED_RAD, 0.0)), field)
-    mag = rotate(conjugate(q), field).tolist()
-    for k, sample in enumerate(flight.samples):
-        flight.samples[k] = sample._replace(mag_gauss=tuple(mag[k]))
-    return flight, q, is_turned
+    mag = map(tuple, rotate(conjugate(q), field).tolist())
+    return changed(flight, lambda sample, _: sample._replace(mag_gauss=next(mag))), q, is_turned
 
 
 def heading_deg(attitudes, q):
     """RMS from 20 s on."""
-    pair = np.ascontiguousarray(attitudes), np.ascontiguousarray(q)
-    errors = np.degrees(batch_angle_errors(*pair))[round(20.0 * RATE_HZ) :, 1]
-    return np.sqrt(np.mean(np.square(errors)))
+    return np.degrees(rms(batch_angle_errors(attitudes, q)[round(20.0 * RATE_HZ) :, HEADING]))
 
 
 def test_a_field_that_points_elsewhere_for_a_while_does_not_count_on_the_way_back():
