@@ -21,8 +21,7 @@ from drivers.events import (
 from drivers.logs.open import ULOG_MAGIC, imu_events
 from drivers.logs.ulog import Ulog
 from estimator.errors import InputError
-from tests.drivers.logs.reading import DATA, gaps_s, imu_times, malformed, of
-from tests.drivers.logs.writers import UlogWriter
+from tests.drivers.logs.writers import DATA, UlogWriter, gaps_s, imu_times, malformed, of
 
 IMU_TOPIC = "sensor_combined"
 HOVER = DATA / "px4_hover.ulg"

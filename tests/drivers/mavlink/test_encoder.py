@@ -66,14 +66,6 @@ def test_frames_are_those_that_pymavlink_packs(boot_us, q, a, b, target, number)
         assert frame == bytes(message.pack(m.MAVLink(None, *VEHICLE)))
 
 
-def test_sequence_counts_and_wraps():
-    frames = encoder.FrameEncoder(VEHICLE)
-    message = encoder.heartbeat(2, 3)
-    data = b"".join(frames.frame(message, UNIX_US) for _ in range(300))
-    messages = m.MAVLink(None).parse_buffer(data)
-    assert [each.get_seq() for each in messages] == [i % 256 for i in range(300)]
-
-
 @settings(max_examples=20)
 @given(st.binary(min_size=32, max_size=32), vectors)
 def test_signed_frames_pass_with_the_key_and_fail_without(key, euler):

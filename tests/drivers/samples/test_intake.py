@@ -4,13 +4,52 @@ import math
 
 import pytest
 
-from drivers.events import ClockReset, Imu, Position, Rejected, TrackLost, Velocity
-from drivers.samples.imu_stream import MOST_HELD, Field, ImuStream, Stamp
+from drivers.events import (
+    ClockReset,
+    Imu,
+    Position,
+    ReferenceAttitude,
+    Rejected,
+    TrackLost,
+    VehicleId,
+    Velocity,
+)
+from drivers.logs.logged_vehicle import LoggedVehicle
+from drivers.samples.imu_stream import MOST_HELD, Field, ImuStream, RepeatedField, Stamp
 from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
-from tests.drivers.samples.given import FIELD, PLACE, UNIX, VEHICLE, S, imu, kinds, running, stamp
+from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3
+from tests.drivers.mavlink.messages import only
+
+S = 1_000_000
+UNIX = 1_700_000_000 * S
+VEHICLE = VehicleId(1, 1)
+BOOT_MS, GPS = TimeField.BOOT_MS, TimeField.GPS
+REST = (0.0, 0.0, -STANDARD_GRAVITY_M_S2)
+FIELD = (0.2, 0.0, 0.4)
+PLACE = (47.0, 8.5, 500.0)
+
+
+def stamp(raw_us, arrival_us=None, clock=BOOT_MS):
+    return Stamp(clock, raw_us, UNIX + raw_us if arrival_us is None else arrival_us)
+
+
+def imu(intake, raw_us, arrival_us=None, gyr=ZERO_VEC3, acc=REST, mag=FIELD, name="SCALED_IMU"):
+    return intake.imu(name, stamp(raw_us, arrival_us), gyr, acc, Field(mag))
+
+
+def kinds(events):
+    return [type(event) for event in events]
+
+
+def running(first_us=300 * S, count=5):
+    """An intake after some IMU messages on the boot clock, and the arrival of the next."""
+    intake = Intake(VEHICLE)
+    for k in range(count):
+        imu(intake, first_us + 250_000 * k)
+    return intake, UNIX + first_us + 250_000 * count
 
 
 def test_the_first_reading_of_a_new_boot_waits_and_is_not_lost():
@@ -106,11 +145,6 @@ def test_a_reboot_voids_the_status_of_the_filter_and_a_leap_does_not(raw_us, is_
     assert bool(intake.fix("LOCAL_POSITION_NED", at, Fix((1.0, 0.0, 0.0)))) is is_reboot
 
 
-def only(events):
-    (event,) = events
-    return event
-
-
 @pytest.mark.parametrize(
     ("message", "sigma_m_s", "late_s"),
     [
@@ -136,7 +170,7 @@ def test_what_is_not_finite_is_left_out_and_the_rest_is_kept():
         Velocity
     ]
     fix = Fix((math.inf, 0.0, 0.0), position=PLACE)
-    position = only(intake.fix("GPS", stamp(302 * S), fix))
+    (position,) = intake.fix("GPS", stamp(302 * S), fix)
     assert (position.latitude_deg, position.longitude_deg, position.altitude_m) == PLACE
     fix = Fix((1.0, 0.0, 0.0), sigma_m_s=math.nan)
     assert intake.fix("GPS", stamp(303 * S), fix) == []
@@ -211,3 +245,75 @@ def test_a_clock_that_stays_back_holds_no_more_than_so_many():
         refused += len(events)
         assert k + 1 - refused <= MOST_HELD
     assert refused + len(stream.end()) == count
+
+
+def logged(stale_us=0):
+    vehicle = LoggedVehicle(VEHICLE, 0)
+    vehicle.at(S)
+    vehicle.put_mag(FIELD)
+    vehicle.at(S + stale_us)
+    return vehicle, vehicle.imu("IMU", ZERO_VEC3, REST)
+
+
+@pytest.mark.parametrize(
+    ("age_us", "expected"), [(200_000, True), (200_001, False), (-200_000, True), (-200_001, False)]
+)
+def test_a_logged_field_gets_stale(age_us, expected):
+    _, (event,) = logged(stale_us=age_us)
+    assert event.sample.has_mag is expected
+
+
+def test_a_logged_field_that_is_no_number_is_none():
+    vehicle, _ = logged()
+    vehicle.put_mag((math.nan, 0.0, 0.4))
+    (event,) = vehicle.imu("IMU2", ZERO_VEC3, REST)
+    assert not event.sample.has_mag
+
+
+def test_an_autopilot_s_unstamped_attitude_is_taken_if_it_sends_no_other():
+    intake = Intake(VEHICLE)
+    imu(intake, S)
+    (event,) = intake.unstamped("AHRS2", UNIX, "autopilot", IDENTITY)
+    assert (event.source, event.time_us) == ("autopilot", S)
+    imu(intake, 2 * S)
+    assert intake.wants_attitude(UNIX + S)
+    assert intake.unstamped("AHRS2", UNIX + S, "autopilot", IDENTITY) == []
+
+
+@pytest.mark.parametrize("ahead_us", [0, 300, 1_900])
+def test_a_simulators_attitude_belongs_to_the_imu_message_that_it_comes_with(ahead_us):
+    """SIM_STATE has no stamp; some send it right before the IMU message of its time."""
+    intake, times_us = Intake(VEHICLE), []
+    for k in range(1, 6):
+        at_us = UNIX + k * S // 4
+        truth = intake.unstamped("SIM_STATE", at_us - ahead_us, "sim", IDENTITY)
+        times_us += [
+            e.time_us for e in only(ReferenceAttitude, truth + imu(intake, k * S // 4, at_us))
+        ]
+    assert times_us == [k * S // 4 for k in range(2, 6)]
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_an_attitude_that_waits_is_the_last_samples_at_the_end_or_if_the_host_is_set_back(ends):
+    intake, _ = running()
+    assert intake.unstamped("SIM_STATE", UNIX + 301 * S + 90_000, "sim", IDENTITY) == []
+    events = intake.end() if ends else imu(intake, 301 * S + 250_000, UNIX - 3600 * S)
+    assert [e.time_us for e in only(ReferenceAttitude, events)] == [301 * S]
+    assert intake.end() == []
+
+
+def test_a_simulators_attitude_right_behind_its_imu_message_does_not_wait():
+    intake = Intake(VEHICLE)
+    for k in range(1, 4):
+        imu(intake, k * S // 4)
+        (event,) = intake.unstamped("SIM_STATE", UNIX + k * S // 4 + 500, "sim", IDENTITY)
+        assert event.time_us == k * S // 4
+    assert intake.unstamped("SIM_STATE", UNIX + 3 * S // 4 + 90_000, "sim", IDENTITY) == []
+    # that one's own IMU message was lost, and it is a second of the third
+    assert not only(ReferenceAttitude, imu(intake, S))
+
+
+def test_a_field_repeated_after_the_clock_went_back_is_new():
+    field = RepeatedField()
+    times_us = (1_000_000, 1_239_999, 1_240_000, 1_100_000)
+    assert [field.is_fresh(FIELD, us) for us in times_us] == [True, False, True, True]

@@ -14,8 +14,6 @@ from drivers.simulation.flight import (
     LONGITUDE_DEG,
     ROUND_S,
     SET_DOWN_S,
-    SHAKE_HZ,
-    SHAKE_M,
     flight_truth,
     geodetic,
 )
@@ -204,13 +202,6 @@ def test_it_is_a_flight():
     assert TRUTH.position_ned_m[:, 2].min() == pytest.approx(-20.0)
     yaw = np.unwrap([euler_rad(tuple(q))[2] for q in TRUTH.q_ned_frd[:10_000:10]])
     assert yaw[-1] - yaw[0] == pytest.approx(4 * np.pi, abs=1e-3)
-
-
-def test_whoever_aligns_at_once_starts_wrong():
-    first = TRUTH.force_frd_m_s2[0]
-    tilt_deg = degrees(atan2(np.hypot(first[0], first[1]), -first[2]))
-    assert tilt_deg == pytest.approx(degrees(atan2((2 * np.pi * SHAKE_HZ) ** 2 * SHAKE_M, G)))
-    assert tilt_deg > 10
 
 
 def test_the_field_is_that_of_the_place():
