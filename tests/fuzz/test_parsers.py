@@ -23,25 +23,11 @@ from service.pipeline import MAX_VEHICLES, Pipeline
 from service.records import Published
 from service.sinks.zenoh import _json_object
 from tests.flight import banked_flight
-from tests.fuzz.cases import (
-    assert_finite,
-    built,
-    clip,
-    damage,
-    damaged,
-    dataflash,
-    dataflash_formats,
-    frame,
-    fuzzed,
-    rearranged,
-    require_sound,
-    stream,
-    ulog_formats,
-)
+from tests.fuzz import cases
 from tests.service.flight_rig import ONE, START_US, Rig
 
 PROFILES = [load_profile("paper"), load_profile("imu")]
-ULOG, TLOG = clip("px4_hover.ulg", 200_000), clip("sub_bluerov.tlog", 6_000)
+ULOG, TLOG = cases.clip("px4_hover.ulg", 200_000), cases.clip("sub_bluerov.tlog", 6_000)
 
 
 @contextmanager
@@ -60,13 +46,15 @@ def feed(pipeline, events, now_us):
     for event in events:
         pipeline.handle(event)
         if isinstance(event, Imu | ClockReset):
-            require_sound(pipeline.tick(now_us))
-    require_sound(pipeline.tick(now_us))
+            cases.require_sound(pipeline.tick(now_us))
+    cases.require_sound(pipeline.tick(now_us))
 
 
-@fuzzed(100, 36000)
+@cases.fuzzed(100, 36000)
 @given(
-    built(stream), st.sampled_from(PROFILES), st.lists(st.integers(-(10**7), 10**8), max_size=12)
+    cases.built(cases.stream),
+    st.sampled_from(PROFILES),
+    st.lists(st.integers(-(10**7), 10**8), max_size=12),
 )
 def test_mavlink_bytes(parts, profile, steps):
     reader, gate, decoder = FrameReader(), FrameGate(Policy()), MavlinkDecoder()
@@ -81,70 +69,75 @@ def test_mavlink_bytes(parts, profile, steps):
     assert len(pipeline.vehicles) <= MAX_VEHICLES
 
 
-@fuzzed(15, 600)
+@cases.fuzzed(15, 600)
 @given(st.data())
 def test_a_flight_with_hostile_frames_between(data):
     """The vehicle's own frames go on; what others send must not break its attitude."""
     rig = Rig(data.draw(st.sampled_from(["paper", "imu"])))
-    hostile = data.draw(st.lists(built(frame), min_size=1, max_size=20))
+    hostile = data.draw(st.lists(cases.built(cases.frame), min_size=1, max_size=20))
     rig.fly(0.5)
     rig.fly(0.5, deliver=lambda own: [hostile.pop(), own] if hostile else [own])
     for record in rig.records:
-        require_sound([Published(VehicleId(1, 1), record)])
+        cases.require_sound([Published(VehicleId(1, 1), record)])
 
 
 def records(rng):
     """A telemetry log of hostile frames, stamped anyhow."""
-    stamped = (rng.randbytes(8) + frame(rng) for _ in range(rng.randrange(11)))
+    stamped = (rng.randbytes(8) + cases.frame(rng) for _ in range(rng.randrange(11)))
     return b"".join(stamped)
 
 
 LOGS = {
-    "tlog": lambda rng: damage(TLOG, rng),
+    "tlog": lambda rng: cases.damage(TLOG, rng),
     "hostile.tlog": records,
-    "bin": lambda rng: damage(SMALL, rng),
-    "any fields.bin": dataflash_formats,
-    "ulg": lambda rng: damage(ULOG[: rng.randint(1_000, 40_000)], rng),
-    "any fields.ulg": ulog_formats,
+    "bin": lambda rng: cases.damage(SMALL, rng),
+    "any fields.bin": cases.dataflash_formats,
+    "ulg": lambda rng: cases.damage(ULOG[: rng.randint(1_000, 40_000)], rng),
+    "any fields.ulg": cases.ulog_formats,
 }
 
 
 @pytest.mark.parametrize("kind", LOGS)
-@fuzzed(20, 9000)
-@given(built(lambda rng: rng))
+@cases.fuzzed(20, 9000)
+@given(cases.built(lambda rng: rng))
 def test_logs(tmp_path_factory, kind, rng):
     path = tmp_path_factory.getbasetemp() / f"fuzz.{kind.rpartition('.')[2]}"
     content = LOGS[kind](rng)
-    path.write_bytes(damage(content, rng) if " " in kind and rng.random() < 0.5 else content)
+    path.write_bytes(cases.damage(content, rng) if " " in kind and rng.random() < 0.5 else content)
     pipeline = Pipeline(rng.choice(PROFILES))
     with refused_by_name(path.name):
         for number, event in enumerate(open_log(path)):
             pipeline.handle(event)
             if number % 20 == 0:
-                require_sound(pipeline.tick(event.arrival_us))
+                cases.require_sound(pipeline.tick(event.arrival_us))
 
 
-SMALL = dataflash(12)
-WHOLE = [ULOG, clip("sub_bluerov.tlog", 60_000), clip("copter_reboot.tlog", 60_000), SMALL]
+SMALL = cases.dataflash(12)
+WHOLE = [
+    ULOG,
+    cases.clip("sub_bluerov.tlog", 60_000),
+    cases.clip("copter_reboot.tlog", 60_000),
+    SMALL,
+]
 
 
-@fuzzed(5, 1500)
-@given(st.sampled_from(WHOLE), st.sampled_from(WHOLE), built(lambda rng: rng))
+@cases.fuzzed(5, 1500)
+@given(st.sampled_from(WHOLE), st.sampled_from(WHOLE), cases.built(lambda rng: rng))
 def test_recordings_cut_swapped_and_joined(tmp_path_factory, one, other, rng):
     """Through the report that ``replay --json`` prints."""
     path = tmp_path_factory.getbasetemp() / "fuzz.log"
-    path.write_bytes(rearranged(one, rng) + (other if rng.random() < 0.2 else b""))
+    path.write_bytes(cases.rearranged(one, rng) + (other if rng.random() < 0.2 else b""))
     reported, reports = [], []
     with refused_by_name(path.name):
         reports.append(report_log(path, PROFILES[1], How(notify=reported.append)))
     for report in reports:
         msgspec.json.encode(report)
-        assert_finite(msgspec.to_builtins(report))
+        cases.assert_finite(msgspec.to_builtins(report))
     assert len(reported) < 200
     assert not [line for line in reported if "\n" in line]
 
 
-@fuzzed(20, 19000)
+@cases.fuzzed(20, 19000)
 @given(st.binary(max_size=200))
 def test_payloads_that_are_no_json(payload):
     with refused_by_name("payload"):
@@ -154,8 +147,8 @@ def test_payloads_that_are_no_json(payload):
 TOML = resources.files("estimator").joinpath("profiles", "imu.toml").read_bytes()
 
 
-@fuzzed(40, 12000)
-@given(damaged(TOML))
+@cases.fuzzed(40, 12000)
+@given(cases.damaged(TOML))
 def test_profiles(data):
     profiles = []
     with refused_by_name("fuzz.toml"):
@@ -222,8 +215,8 @@ def flight():
     return events
 
 
-@fuzzed(60, 20000)
-@given(built(lambda rng: rng))
+@cases.fuzzed(60, 20000)
+@given(cases.built(lambda rng: rng))
 def test_profiles_installed_in_flight(flight, rng):
     pipeline = Pipeline(load_profile(rng.choice(("imu", "imu", "paper"))))
     published = 0
@@ -240,7 +233,7 @@ def test_profiles_installed_in_flight(flight, rng):
             assert pipeline.vehicle(ONE).estimator.profile == answer
         for event in events:
             pipeline.handle(event)
-        published += require_sound(pipeline.tick(events[0].arrival_us + 1_000))
+        published += cases.require_sound(pipeline.tick(events[0].arrival_us + 1_000))
     assert published == BEFORE + BETWEEN + AFTER
     assert NEVER not in pipeline.vehicle(ONE).rejected
 

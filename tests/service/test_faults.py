@@ -1,7 +1,6 @@
 """Faults of links, clocks and senders; that the estimate holds is its largest error in degrees."""
 
 import random
-import struct
 from math import cos, degrees, sin
 
 import pytest
@@ -52,13 +51,6 @@ def with_flipped_bits(frame, rng):
     return [bytes(damaged)]
 
 
-STRANGE = b"\xfd" + struct.pack("<BBBBBBHB", 4, 0, 0, 0, 1, 1, 0xFFF0, 0xFF) + b"abcd\0\0"
-
-
-def with_an_unknown_dialect(frame, rng):
-    return [STRANGE + frame]
-
-
 @pytest.mark.parametrize(
     ("link", "seed", "refused", "error_deg"),
     [
@@ -66,7 +58,6 @@ def with_an_unknown_dialect(frame, rng):
         (reordered, 1, {"out_of_order"}, 1.52),
         (nine_tenths, 2, set(), 1.57),
         (with_flipped_bits, 6, set(), 1.47),
-        (with_an_unknown_dialect, 0, set(), 1.40),
     ],
 )
 def test_on_a_bad_link_the_estimate_holds(rig, link, seed, refused, error_deg):

@@ -152,7 +152,7 @@ TABLE = [
 def assert_same(event, expected):
     """Equal but for rounding: floats on the wire have 24 bits."""
     assert type(event) is type(expected)
-    for name in type(expected).__slots__:
+    for name in type(expected).__struct_fields__:  # also those that it inherits
         got, want = getattr(event, name), getattr(expected, name)
         if isinstance(want, ImuSample | VelocitySample):
             assert type(got) is type(want)

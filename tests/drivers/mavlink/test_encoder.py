@@ -22,18 +22,13 @@ addresses = st.builds(VehicleId, bytes_1, bytes_1)
 boot_times = st.integers(0, 2**44)  # milliseconds begin anew after seven weeks
 
 
-def parsed(message):
-    """The one message that pymavlink reads from a frame of ours."""
-    (read,) = m.MAVLink(None).parse_buffer(encoder.FrameEncoder(VEHICLE).frame(message, UNIX_US))
-    return read
-
-
 def fields(message, *names):
     return tuple(getattr(message, name) for name in names)
 
 
 def test_raw_imu_of_a_level_vehicle_is_what_an_autopilot_sends_and_saturates():
-    read = parsed(encoder.raw_imu(5, (0, 1e9, -9.80665), (0.0014, -0.0016, 0), (0.2, 0, -0.4004)))
+    sent = encoder.raw_imu(5, (0, 1e9, -9.80665), (0.0014, -0.0016, 0), (0.2, 0, -0.4004))
+    (read,) = m.MAVLink(None).parse_buffer(encoder.FrameEncoder(VEHICLE).frame(sent, UNIX_US))
     assert (read.get_type(), read.time_usec) == ("RAW_IMU", 5)
     assert fields(read, "xacc", "yacc", "zacc") == (0, 32767, -1000)
     assert fields(read, "xgyro", "ygyro", "zgyro") == (1, -1, 0)

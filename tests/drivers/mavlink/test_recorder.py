@@ -111,6 +111,28 @@ def test_half_written_records_are_taken_back(path):
     ]
 
 
+@pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
+def test_a_killed_process_leaves_whole_records(path):
+    script = (
+        "import sys, time\n"
+        "from pathlib import Path\n"
+        "from drivers.mavlink.recorder import Recorder\n"
+        "recorder, has_rates = Recorder(sys.argv[1]), False\n"
+        "while True:\n"
+        "    recorder.write(1, [b'x' * 56] * 3)\n"
+        "    time.sleep(1e-4)\n"
+        "    if not has_rates and Path(sys.argv[1]).stat().st_size >= 64 * 300:\n"
+        "        has_rates = True\n"
+        "        print('ready', flush=True)\n"
+    )
+    with begun(script, path) as process:
+        assert process.stdout.readline() == b"ready\n"
+        process.send_signal(signal.SIGKILL)
+    size = path.stat().st_size
+    assert size >= 64 * 300
+    assert size % 64 == 0
+
+
 def test_what_a_disk_that_stands_still_cannot_take_is_counted(path, monkeypatch, caplog):
     monkeypatch.setattr(recorder_module, "MOST_WAITING_BYTES", 100)
     with Recorder(path) as recorder:
