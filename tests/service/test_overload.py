@@ -1,29 +1,19 @@
 """Overload: what is left out, and that it ends."""
 
-import json
 import math
-import re
-import signal
-import socket
-import threading
-import time
 
 import pytest
 
-from drivers.endpoint import parse_endpoint
 from drivers.events import Imu, Shed
-from drivers.mavlink.connection import Connection
-from drivers.mavlink.constants import RAW_IMU_ID
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.link import FrameQueue
 from drivers.simulation.autopilot import VehicleOptions
-from drivers.simulation.fleet import Fleet, run_vehicles
+from drivers.simulation.fleet import Fleet
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
 from service.runner import WINDOW_S, WINDOWS_TO_BEGIN, WINDOWS_TO_END, Overload, Runner
 from service.vehicle_status import Load
-from tests.fuzzbee.processes import free_port, started
 from tests.service.flight_rig import ONE, START_US, attitudes, fed, imu_events, statuses, texts
 from tests.service.records import Collector
 
@@ -228,43 +218,3 @@ def test_what_piled_up_in_a_stop_is_taken():
     (vehicle,) = pipeline.vehicles
     assert vehicle.imu.shed == link.shed == 0
     assert vehicle.imu.samples == pytest.approx(50 * 4.0, rel=0.05)
-
-
-def read_until(process, pattern):
-    """A person's lines, up to one that fits."""
-    while not re.search(pattern, process.stderr.readline()):
-        assert process.poll() is None
-
-
-@pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs SIGSTOP")
-def test_a_process_that_is_stopped_takes_what_piled_up():
-    """Each sample that was sent is in one count."""
-    port, sent = free_port(socket.SOCK_DGRAM), []
-    with started("run", f"udpin:127.0.0.1:{port}", "--no-zenoh", "--json") as process:
-        read_until(process, "listening")
-        connection = Connection(parse_endpoint(f"udpout:127.0.0.1:{port}"))
-        connection.open()
-        send = connection.send
-        connection.send = lambda data: (sent.append(data), send(data))
-        fleet, done = Fleet(VehicleOptions(rate_hz=50.0), 1), threading.Event()
-        vehicles = threading.Thread(
-            target=run_vehicles, args=(fleet, connection, done.is_set, 60.0)
-        )
-        vehicles.start()
-        read_until(process, "running  .* age [0-9]+ ms")
-        process.send_signal(signal.SIGSTOP)
-        time.sleep(1.5)
-        process.send_signal(signal.SIGCONT)
-        read_until(process, "running  .* age [0-9]+ ms")
-        done.set()
-        vehicles.join()
-        connection.close()
-        read_until(process, r"age [1-9][0-9.]* s")  # everything has been read by then
-        process.send_signal(signal.SIGINT)
-        result = json.loads(process.communicate()[0])
-    counted = result["vehicles"]["1"]
-    frames = [frame for data in sent for frame in FrameReader().feed(data)]
-    imu = sum(frame.message_id == RAW_IMU_ID for frame in frames)
-    assert (result["lost"], counted["shed"]) == (0, 0)
-    # one waits for the next
-    assert 0 <= imu - counted["samples"] - sum(counted["rejected"].values()) <= 1

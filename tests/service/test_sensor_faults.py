@@ -1,6 +1,5 @@
 """Faults of sensors, one a test, with the expected effect in its name; see ``test_faults.py``."""
 
-import math
 import random
 
 import pytest
@@ -113,22 +112,6 @@ def highres(sample, **fields):
     for name, value in fields.items():
         setattr(message, name, value)
     return frame(message)
-
-
-@pytest.mark.parametrize(
-    ("field", "value", "share", "refused"),
-    [
-        *((f, x, 0.1, {"not_finite"}) for f in ("xacc", "zgyro") for x in (math.nan, math.inf)),
-        ("zgyro", -math.inf, 0.1, {"not_finite"}),
-        ("ymag", math.nan, 0.3, set()),  # the field is absent, the sample counts
-    ],
-)
-def test_fields_that_are_not_finite_cost_their_samples_only(field, value, share, refused):
-    rig, rng = Rig(), random.Random(4)
-    rig.frame = lambda s: highres(s, **({field: value} if rng.random() < share else {}))
-    rig.fly(SETTLE_S).fly(5.0)
-    assert set(rig.rejected) == refused
-    assert max(rig.errors_deg) == pytest.approx(1.48, rel=0.2)
 
 
 def test_impossible_magnitudes_are_refused():

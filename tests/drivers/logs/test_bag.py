@@ -12,8 +12,7 @@ from estimator.errors import InputError
 from estimator.geometry.frames import flu_from_frd, swap_ned_enu
 from estimator.types import IDENTITY
 from fuzzbee.cli import main
-from tests.drivers.logs.reading import DATA, gaps_s, imu_times, malformed, of
-from tests.drivers.logs.writers import json_mcap
+from tests.drivers.logs.writers import DATA, gaps_s, imu_times, json_mcap, malformed, of
 from tests.vocabulary import assert_attitude_close
 
 rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="the extra 'bags' is not installed")

@@ -1,6 +1,5 @@
 """Bags of a few bytes that would become gigabytes, and what is in a folder beside a bag."""
 
-import bz2
 import os
 import shutil
 import sqlite3
@@ -19,7 +18,6 @@ zstandard = pytest.importorskip("zstandard")
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 LARGEST = 200_000
 TOO_LARGE = "a chunk or message of more than 64 MB"
-PACK = {"bz2": bz2.compress, "lz4": lz4.compress, "zstd": zstandard.compress}
 
 
 @pytest.fixture(autouse=True)

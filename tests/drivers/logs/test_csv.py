@@ -10,7 +10,6 @@ from drivers.events import Imu, Notice, Position, ReferenceAttitude, Velocity
 from drivers.logs.open import open_log
 from estimator.errors import InputError
 from fuzzbee.cli import main
-from tests.drivers.logs.reading import malformed, of
 from tests.drivers.logs.tables import (
     FIELD,
     FLU,
@@ -23,6 +22,7 @@ from tests.drivers.logs.tables import (
     table,
     toml,
 )
+from tests.drivers.logs.writers import malformed, of
 from tests.vocabulary import assert_attitude_close
 
 

@@ -17,8 +17,7 @@ from drivers.events import (
 )
 from drivers.logs.dataflash import Dataflash
 from drivers.logs.other_sensors import currents, vibrations
-from tests.drivers.logs.reading import gaps_s, imu_times, malformed, of
-from tests.drivers.logs.writers import DataflashWriter
+from tests.drivers.logs.writers import DataflashWriter, gaps_s, imu_times, malformed, of
 
 G = 9.80665
 

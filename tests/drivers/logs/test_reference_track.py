@@ -20,10 +20,6 @@ def add(track, times_us, message="ATTITUDE", attitude=lambda t: turned(0.5e-6 * 
     return track
 
 
-def known(track, *times_us):
-    return np.isfinite(track.at(np.array(times_us))).all(axis=1).tolist()
-
-
 def slow(gap_us):
     """One a second, and a gap behind the fifth."""
     return add(ReferenceTrack(), [*range(0, 5 * S + 1, S), *range(5 * S + gap_us, 12 * S, S)])
@@ -50,7 +46,8 @@ def test_the_reference_is_interpolated_along_the_arc_and_the_last_holds_for_a_mo
 )
 def test_what_is_known_around_gaps_and_at_the_ends(track, times_us, expected):
     """A gap is two and a half periods long, and half a second; a tenth beside it is near."""
-    assert known(track, *map(int, times_us)) == list(map(bool, expected))
+    known = np.isfinite(track.at(np.array(times_us, int))).all(axis=1)
+    assert known.tolist() == list(map(bool, expected))
 
 
 def test_the_most_frequent_message_is_used_and_messages_do_not_mix():

@@ -9,7 +9,7 @@ import pytest
 from drivers.events import ClockReset, Heartbeat, Imu, ReferenceAttitude, Rejected
 from drivers.logs.tlog import Tlog
 from drivers.mavlink.constants import mavlink
-from tests.drivers.logs.reading import DATA, S, gaps_s, imu_times, malformed, of
+from tests.drivers.logs.writers import DATA, S, gaps_s, imu_times, malformed, of
 
 # RAW_IMU of (file, samples, median rate in Hz and worst gap in s on the vehicle's clock, worst
 # arrival gap in s, samples with a fresh field); all but the last counted with mavutil.mavlogfile

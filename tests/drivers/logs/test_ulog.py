@@ -7,22 +7,11 @@ from statistics import median
 import numpy as np
 import pytest
 
-from drivers.events import (
-    Heartbeat,
-    Imu,
-    Malformed,
-    Parameter,
-    Position,
-    ReferenceAttitude,
-    Rejected,
-    VehicleId,
-    Velocity,
-)
+from drivers import events as given
 from drivers.logs.open import ULOG_MAGIC, imu_events
 from drivers.logs.ulog import Ulog
 from estimator.errors import InputError
-from tests.drivers.logs.reading import DATA, gaps_s, imu_times, malformed, of
-from tests.drivers.logs.writers import UlogWriter
+from tests.drivers.logs.writers import DATA, UlogWriter, gaps_s, imu_times, malformed, of
 
 IMU_TOPIC = "sensor_combined"
 HOVER = DATA / "px4_hover.ulg"
@@ -34,17 +23,17 @@ def events():
 
 
 def test_a_px4_quadrotor_with_an_imu_at_222_hz_without_a_gap(events):
-    (beat,) = of(Heartbeat, events)
+    (beat,) = of(given.Heartbeat, events)
     assert (beat.autopilot, beat.vehicle_type) == (12, 2)
-    (cut,) = of(Malformed, events)  # the clip ends within a message
-    assert {event.vehicle for event in events if event is not cut} == {VehicleId(1, 1)}
-    assert {"SENS_BOARD_ROT", "MAV_SYS_ID"} <= {p.name for p in of(Parameter, events)}
+    (cut,) = of(given.Malformed, events)  # the clip ends within a message
+    assert {event.vehicle for event in events if event is not cut} == {given.VehicleId(1, 1)}
+    assert {"SENS_BOARD_ROT", "MAV_SYS_ID"} <= {p.name for p in of(given.Parameter, events)}
     gaps = gaps_s(imu_times(events))
     assert len(gaps) == 3218
     assert 1 / median(gaps) == pytest.approx(222.4, abs=0.1)
     assert max(gaps) < 0.01
-    assert not of(Rejected, events)
-    arrivals = [event.arrival_us for event in events if not isinstance(event, Parameter)]
+    assert not of(given.Rejected, events)
+    arrivals = [event.arrival_us for event in events if not isinstance(event, given.Parameter)]
     assert arrivals == sorted(arrivals)
 
 
@@ -58,8 +47,8 @@ def test_readings_and_parameters_agree_with_pyulog(events):
     def vectors(topic, field, n):
         return np.column_stack([topics[topic][f"{field}[{k}]"] for k in range(n)])
 
-    assert {e.name: e.value for e in of(Parameter, events)} == theirs.initial_parameters
-    samples = [event.sample for event in of(Imu, events)]
+    assert {e.name: e.value for e in of(given.Parameter, events)} == theirs.initial_parameters
+    samples = [event.sample for event in of(given.Imu, events)]
     assert np.array_equal([s.gyr_rad_s for s in samples], vectors(IMU_TOPIC, "gyro_rad", 3))
     forces = vectors(IMU_TOPIC, "accelerometer_m_s2", 3)
     assert np.array_equal([s.acc_m_s2 for s in samples], forces)
@@ -68,7 +57,7 @@ def test_readings_and_parameters_agree_with_pyulog(events):
     assert len(fields) == 29  # 2 Hz for 14.7 s
     mags = vectors("vehicle_magnetometer", "magnetometer_ga", 3).tolist()
     assert all([*field] in mags for field in fields)
-    attitudes = np.array([event.q_ned_frd for event in of(ReferenceAttitude, events)])
+    attitudes = np.array([event.q_ned_frd for event in of(given.ReferenceAttitude, events)])
     q = vectors("vehicle_attitude", "q", 4)[1:].astype(float)  # one comes before any IMU's row
     assert len(q) == len(attitudes) == 294
     assert np.abs(attitudes - q / np.linalg.norm(q, axis=1)[:, None]).max() < 1e-9
@@ -99,7 +88,7 @@ def test_the_receiver_s_place_and_velocity(tmp_path, fields, layout, place):
         sigma = 0.0 if k == 4 else sigma
         log.row(10, "B4f" + layout, now_us + 1000, fix_type, 1.0, -2.0, 0.5, sigma, *place)
     events = list(Ulog(log.save(tmp_path)))
-    positions, velocities = of(Position, events), of(Velocity, events)
+    positions, velocities = of(given.Position, events), of(given.Velocity, events)
     assert len(positions) == len(velocities) == 4
     assert (positions[0].latitude_deg, positions[0].longitude_deg) == pytest.approx(
         (47.397742, 8.545594)
@@ -120,8 +109,8 @@ def test_sums_over_an_interval_become_rates(tmp_path):
         log.row(7, "6fIH", 1_000_000 + 5000 * k, *sums, 4000, 5000)
     log.row(7, "6fIH", 1_015_000, *sums, 0, 5000)
     events = list(Ulog(log.save(tmp_path)))
-    assert [event.reason for event in of(Rejected, events)] == ["no_interval"]
-    samples = [event.sample for event in of(Imu, events)]
+    assert [event.reason for event in of(given.Rejected, events)] == ["no_interval"]
+    samples = [event.sample for event in of(given.Imu, events)]
     assert len(samples) == 3
     assert samples[2].gyr_rad_s == pytest.approx((0.5, -1.0, 0.5), rel=1e-5)
     assert samples[2].acc_m_s2 == pytest.approx((2.5, 0.0, -9.8), rel=1e-5)
@@ -132,7 +121,7 @@ def test_the_field_of_the_same_instant_comes_before_its_sample(tmp_path):
     for k in range(5):
         now_us = 1_000_000 + 20_000 * k
         log.sample(now_us, (0.001 * k, 0, 0), (0, 0, -9.8)).mag(now_us, (0.2, 0.001 * k, 0.4))
-    samples = [event.sample for event in of(Imu, list(Ulog(log.save(tmp_path))))]
+    samples = [event.sample for event in of(given.Imu, list(Ulog(log.save(tmp_path))))]
     fields = [sample.mag_gauss[1] for sample in samples]
     assert fields == pytest.approx([0.0, 0.001, 0.002, 0.003, 0.004])
 

@@ -1,16 +1,21 @@
-"""A flight written as every kind of log, byte by byte in each format's layout."""
+"""A flight written as every kind of log, byte by byte, and what is asked of its events."""
 
 import json
 import struct
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
 
 import pytest
 from pymavlink.DFReader import FORMAT_TO_STRUCT
 
+from drivers.events import Imu, Malformed, Rejected
 from drivers.logs.open import ULOG_MAGIC
 from drivers.mavlink.constants import mavlink
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
-from tests.drivers.logs.reading import S
 
+DATA = Path(__file__).parents[2] / "data"
+S = 1_000_000
 RATE_HZ, LAST_S = 50.0, 24.0
 START_US = 1_700_000_000 * S
 
@@ -195,3 +200,24 @@ def json_mcap(path, messages):
 SENSORS = {"gyro": "_rad_s", "acc": "_m_s2", "mag": "_gauss"}
 WRITERS = {"tlog": tlog, "dataflash": dataflash, "ulog": ulog, "csv": table}
 ALL_WRITERS = {**WRITERS, "mcap": mcap}
+
+
+def of(kind, events, message=None):
+    found = [event for event in events if isinstance(event, kind)]
+    return [event for event in found if message is None or event.message == message]
+
+
+def imu_times(events, message=None):
+    return [event.sample.time_us for event in of(Imu, events, message)]
+
+
+def gaps_s(times_us):
+    return [(b - a) / S for a, b in pairwise(times_us)]
+
+
+def malformed(events):
+    return sum(event.frames for event in of(Malformed, events))
+
+
+def reasons(events):
+    return Counter(str(event.reason) for event in of(Rejected, events))

@@ -7,18 +7,22 @@ import pytest
 from drivers.events import (
     ClockReset,
     CommandAck,
+    Forgotten,
     Heartbeat,
     Imu,
     Notice,
     Parameter,
     Position,
     ReferenceAttitude,
+    RefusedFrames,
+    Rejected,
     VehicleId,
     Velocity,
 )
-from drivers.mavlink.decoder import MavlinkDecoder
+from drivers.mavlink.decoder import MOST_SENDERS, MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.messages import IMU_MESSAGES, ImuMessage
+from drivers.samples.intake import MOST_STREAMS
 from drivers.samples.vehicle_clock import TimeField
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 from tests.drivers.mavlink.messages import (
@@ -130,6 +134,12 @@ TABLE = [
         m.MAVLink_gps_raw_int_message(900_000, 3, *PLACE, 0, 0, 200, 9000, 9),
         velocity("GPS_RAW_INT", 900_000, (0.0, 2.0, 0.0), False, 0.5, 0.1),
     ),
+    (  # to the south-west, with its accuracy
+        m.MAVLink_gps_raw_int_message(
+            900_000, 3, *PLACE, 0, 0, 200, 21_000, 9, 50_500, 0, 0, 250, 0
+        ),
+        velocity("GPS_RAW_INT", 900_000, (-(3.0**0.5), -1.0, 0.0), False, 0.25, 0.1),
+    ),
     (
         m.MAVLink_param_value_message(b"AHRS_TRIM_X", -0.0625, 9, 10, 1),
         Parameter(*ONE, "AHRS_TRIM_X", -0.0625),
@@ -142,7 +152,7 @@ TABLE = [
 def assert_same(event, expected):
     """Equal but for rounding: floats on the wire have 24 bits."""
     assert type(event) is type(expected)
-    for name in type(expected).__slots__:
+    for name in type(expected).__struct_fields__:  # also those that it inherits
         got, want = getattr(event, name), getattr(expected, name)
         if isinstance(want, ImuSample | VelocitySample):
             assert type(got) is type(want)
@@ -265,26 +275,6 @@ def test_what_is_broken_or_without_a_fix_is_dropped(message, kinds):
     assert [type(event) for event in decode_all([raw_imu(), message])] == [Imu, *kinds]
 
 
-def gps(course=0, vel_acc=0, speed=200):
-    place = 4 * 10**8, 10**8, 50_500
-    return m.MAVLink_gps_raw_int_message(
-        900_000, 3, *place, 0, 0, speed, course, 9, 50_500, 0, 0, vel_acc, 0
-    )
-
-
-@pytest.mark.parametrize(
-    ("course", "vel_acc", "north", "east", "sigma_m_s"),
-    [(0, 0, 2, 0, 0.5), (9000, 0, 0, 2, 0.5), (21_000, 250, -1.732, -1, 0.25)],
-)
-def test_gps_has_a_course_from_north_to_east_and_its_accuracy_or_none(
-    course, vel_acc, north, east, sigma_m_s
-):
-    velocity = only(Velocity, decode_all([raw_imu(), gps(course, vel_acc)]))[0].sample
-    assert velocity.velocity_ned_m_s == pytest.approx((north, east, 0.0), abs=1e-3)
-    assert not velocity.has_vertical
-    assert (velocity.sigma_m_s, velocity.late_sigma_s) == (pytest.approx(sigma_m_s), 0.1)
-
-
 SCALED_IMU = [m.MAVLink_scaled_imu_message(300_000 + 20 * k, 0, 0, -1000, *[0] * 6) for k in (0, 1)]
 REBOOTED = {
     "ATTITUDE": lambda ms: m.MAVLink_attitude_message(ms, 0, 0, 0, 0, 0, 0),
@@ -313,3 +303,77 @@ def test_a_message_without_content_does_not_touch_the_clock():
         broken.append(m.MAVLink_local_position_ned_message(ms, 0, 0, 0, math.nan, 0, 0))
         broken.append(m.MAVLink_global_position_int_message(ms, *[0] * 8))
     assert [type(event) for event in decode_all([*SCALED_IMU, *broken])] == [Imu, Imu]
+
+
+@pytest.mark.parametrize(
+    "messages",
+    [
+        [m.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0)],
+        # cameras, stations
+        [heartbeat(*kind) for kind in ((8, 30), (8, 2), (8, 6), (0, 6), (3, 6))],
+        [m.MAVLink_attitude_message(1500, 0, 0, 0, 0, 0, 0)],  # of a companion without an IMU
+    ],
+)
+def test_what_is_no_vehicle_s_becomes_nothing(messages):
+    assert decode_all(messages) == []
+
+
+def test_a_vehicle_may_have_system_id_255():
+    events = decode_all([heartbeat(), raw_imu()], system=255)
+    assert {event.vehicle for event in events} == {VehicleId(255, 1)}
+
+
+def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds():
+    decoder, reader = MavlinkDecoder(), FrameReader()
+    known, turned_away, refused = set(), 0, 0
+    for number in range(MOST_SENDERS + 200):
+        address = 1 + number % 250, 1 + number // 250
+        (each,) = reader.feed(frame(raw_imu(), *address))
+        events = decoder.events(each, UNIX + number)
+        known |= {event.vehicle for event in only(Imu, events)}
+        turned_away += sum(event.frames for event in only(RefusedFrames, events))
+    assert len(known) == MOST_SENDERS
+    assert turned_away == 200  # every sample is accounted for
+    for instance in range(256):
+        message = m.MAVLink_raw_imu_message(
+            S + instance, 0, 0, -1000, 0, 0, 1, 0, 0, 0, id=instance
+        )
+        (each,) = reader.feed(frame(message))
+        events = only(Rejected, decoder.events(each, UNIX))
+        refused += [event.reason for event in events] == ["too_many_streams"]
+    assert refused == 256 - MOST_STREAMS
+
+
+def test_a_sender_with_an_imu_takes_the_slot_of_whoever_has_none_and_is_silent_for_longest(
+    monkeypatch,
+):
+    """A table that is full of heartbeats, all of them fresh."""
+    monkeypatch.setattr("drivers.mavlink.decoder.MOST_SENDERS", 3)
+    decoder = MavlinkDecoder()
+    for system in (1, 2, 3, 1):
+        assert len(decode_all([heartbeat()], decoder, system=system)) == 1
+    gone, imu = decode_all([raw_imu()], decoder, system=7)
+    assert gone == Forgotten(VehicleId(2, 1), UNIX)
+    assert imu.vehicle == VehicleId(7, 1)
+
+
+def test_other_imus_are_skipped_while_the_one_in_use_comes():
+    """Half a second after its end they are decoded; a better one always, all if none is known."""
+    sent = []
+    for k in range(100):
+        sent += [raw_imu(S + 20_000 * k)] if k < 50 else []
+        others = m.MAVLink_scaled_imu2_message, m.MAVLink_scaled_imu3_message
+        sent += [other(1000 + 20 * k, 0, 0, -1000, *[0] * 6) for other in others]
+
+    def taken(in_use):
+        decoder = MavlinkDecoder()
+        decoder.imu_in_use = lambda _: in_use
+        events = only(Imu, decode_all(sent, decoder, interval_us=20_000 // 3))
+        return {name: sum(e.message == name for e in events) for name in
+                ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3")}  # fmt: skip
+
+    assert taken(None) == {"RAW_IMU": 50, "SCALED_IMU2": 100, "SCALED_IMU3": 100}
+    first = taken("RAW_IMU")
+    assert first["RAW_IMU"] == 50
+    assert 10 < first["SCALED_IMU2"] < 50  # of the 50 after RAW_IMU ended, less half a second
+    assert taken("SCALED_IMU2") == {"RAW_IMU": 50, "SCALED_IMU2": 100, "SCALED_IMU3": 0}

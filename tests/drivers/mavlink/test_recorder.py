@@ -1,29 +1,24 @@
 """What ends up in tlogs, also when the disk, the process or another program does not hold."""
 
 import errno
-import logging
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 from pymavlink import mavutil
 
-from drivers.endpoint import Endpoint
 from drivers.events import Heartbeat, VehicleId
 from drivers.logs.open import open_log
 from drivers.mavlink import recorder as recorder_module
 from drivers.mavlink import tlog_file
 from drivers.mavlink.encoder import FrameEncoder, attitude, heartbeat
-from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.recorder import RETRY_US, Recorder
 from estimator.errors import InputError
-from tests.programs import NAMESPACE, ROOT, can_mount, run_python
+from tests.programs import ROOT, run_python
 
 UNIX_US = 1_790_000_000_000_000  # 2026-09-21 14:13:20 UTC
 HOUR_US = 3_600_000_000
@@ -77,38 +72,12 @@ def test_pymavlink_reads_the_recording(path):
     assert recorder.is_whole
 
 
-def test_a_recording_ends_with_the_link_and_not_with_the_last_look(path):
-    sent = [frame() for _ in range(5)]
-    with (
-        Recorder(path) as recorder,
-        MavlinkLink(Endpoint("udpin", "127.0.0.1", 0), recorder) as link,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
-    ):
-        link.drain(0.0)
-        for each in sent:
-            sender.sendto(each, ("127.0.0.1", int(link.address.rpartition(":")[2])))
-    assert path.read_bytes().endswith(sent[-1])
-    assert path.stat().st_size == sum(8 + len(each) for each in sent)
-
-
 def test_an_existing_file_is_continued(path):
     for part in (b"\xfdfirst", b"\xfesecond"):
         with Recorder(path) as recorder:
             recorder.write(1, [part])
     stamp = (1).to_bytes(8, "big")
     assert path.read_bytes() == stamp + b"\xfdfirst" + stamp + b"\xfesecond"
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_full_disk_is_reported_once(caplog):
-    with caplog.at_level(logging.WARNING), Recorder("/dev/full") as recorder:
-        for i in range(100):
-            recorder.write(UNIX_US + i * RETRY_US // 10, [b"frame", b"frame"])
-    assert recorder.lost == 200
-    assert not recorder.is_whole
-    assert len(caplog.records) == 1
-    assert "/dev/full" in caplog.text
-    assert "No space left" in caplog.text
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
@@ -347,49 +316,3 @@ def test_a_folder_that_is_removed_is_made_again(tmp_path, caplog):
     assert recorder.lost == 0
     assert not recorder.is_whole
     assert "was removed" in caplog.text
-
-
-FILL = """
-import sys, time
-from pathlib import Path
-from unittest.mock import patch
-from drivers.mavlink import recorder as recorder_module
-from drivers.mavlink.link import MavlinkLink
-from drivers.mavlink.recorder import RETRY_US, Recorder
-
-patch.object(recorder_module, "MAX_FILE_BYTES", 40_000).start()
-folder, frame = Path(sys.argv[1]), bytes((0xFD,)) * 56
-ballast = folder / "ballast"
-ballast.write_bytes(bytes(100_000))
-with Recorder(folder / "logs", in_folder=True) as recorder:
-    n = 0
-    while not recorder.lost:  # until the disk is full
-        recorder.write(n * 1000, [frame])
-        n += 1
-        time.sleep(1e-4)
-    time.sleep(1.0)
-    lost = recorder.lost
-    ballast.unlink()
-    for m in range(100):
-        recorder.write(n * 1000 + RETRY_US + m * 1000, [frame])
-read = sum(file.stat().st_size for file in (folder / "logs").iterdir()) / (8 + len(frame))
-print(n, lost, recorder.lost, read)
-"""
-
-
-TMPFS = "mount -t tmpfs tmpfs /mnt"
-
-
-@pytest.mark.skipif(os.name != "posix" or not can_mount(TMPFS), reason="needs user namespaces")
-def test_a_full_disk_loses_only_what_came_while_it_was_full(tmp_path):
-    """A real file system of 200 kB, in a mount namespace of the test's own."""
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mount = 'mount -t tmpfs -o size=200k tmpfs "$0" && exec "$@"'
-    done = run_python("-c", FILL, disk, timeout_s=60, through=(*NAMESPACE, mount, disk))
-    written, lost, lost_in_all, read = map(float, done.stdout.split())
-    assert lost == lost_in_all > 0
-    assert written > 1000
-    assert read == written - lost + 100
-    assert "no space left" in done.stderr.lower()
-    assert done.stderr.count("the estimate goes on") == 1

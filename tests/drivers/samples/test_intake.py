@@ -4,20 +4,50 @@ import math
 
 import pytest
 
-from drivers.events import ClockReset, Imu, Position, Rejected, TrackLost, Velocity
-from drivers.samples.imu_stream import MOST_HELD, Field, ImuStream, Stamp
+from drivers import events as given
+from drivers.logs.logged_vehicle import LoggedVehicle
+from drivers.samples.imu_stream import MOST_HELD, Field, ImuStream, RepeatedField, Stamp
 from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
-from tests.drivers.samples.given import FIELD, PLACE, UNIX, VEHICLE, S, imu, kinds, running, stamp
+from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3
+from tests.drivers.mavlink.messages import only
+
+S = 1_000_000
+UNIX = 1_700_000_000 * S
+VEHICLE = given.VehicleId(1, 1)
+BOOT_MS, GPS = TimeField.BOOT_MS, TimeField.GPS
+REST = (0.0, 0.0, -STANDARD_GRAVITY_M_S2)
+FIELD = (0.2, 0.0, 0.4)
+PLACE = (47.0, 8.5, 500.0)
+
+
+def stamp(raw_us, arrival_us=None, clock=BOOT_MS):
+    return Stamp(clock, raw_us, UNIX + raw_us if arrival_us is None else arrival_us)
+
+
+def imu(intake, raw_us, arrival_us=None, gyr=ZERO_VEC3, acc=REST, mag=FIELD, name="SCALED_IMU"):
+    return intake.imu(name, stamp(raw_us, arrival_us), gyr, acc, Field(mag))
+
+
+def kinds(events):
+    return [type(event) for event in events]
+
+
+def running(first_us=300 * S, count=5):
+    """An intake after some IMU messages on the boot clock, and the arrival of the next."""
+    intake = Intake(VEHICLE)
+    for k in range(count):
+        imu(intake, first_us + 250_000 * k)
+    return intake, UNIX + first_us + 250_000 * count
 
 
 def test_the_first_reading_of_a_new_boot_waits_and_is_not_lost():
     intake, arrival_us = running()
     assert imu(intake, 5 * S, arrival_us, mag=(0.1, 0.0, 0.4)) == []
     reset, first, second = imu(intake, 5_250_000, arrival_us + 250_000, mag=(0.1, 0.1, 0.4))
-    assert kinds((reset, first, second)) == [ClockReset, Imu, Imu]
+    assert kinds((reset, first, second)) == [given.ClockReset, given.Imu, given.Imu]
     assert (reset.reason, reset.step_s) == ("reboot", pytest.approx(5 - 301.0))
     assert reset.arrival_us == arrival_us  # of the reading that had to wait
     assert (first.boot_us, second.boot_us) == (5 * S, 5_250_000)
@@ -34,9 +64,11 @@ def test_no_stream_loses_anything_where_another_one_shows_a_second_boot(back_us)
         raw_us = 300_000 + 20_000 * k - back_us * (k >= back_us // 20_000)
         for name in ("SCALED_IMU2", "SCALED_IMU"):
             events += imu(intake, raw_us, UNIX + 20_000 * k, name=name)
-    assert [each.reason for each in events if isinstance(each, ClockReset)] == ["reboot"]
+    assert [each.reason for each in events if isinstance(each, given.ClockReset)] == ["reboot"]
     for name in ("SCALED_IMU2", "SCALED_IMU"):
-        times_us = [e.sample.time_us for e in events if isinstance(e, Imu) and e.message == name]
+        times_us = [
+            e.sample.time_us for e in events if isinstance(e, given.Imu) and e.message == name
+        ]
         assert len(times_us) == 200
         assert times_us == sorted(set(times_us))
 
@@ -62,9 +94,9 @@ def test_a_clock_set_back_for_a_few_readings_costs_no_others(back_us, count, los
     for k in range(600):
         raw_us = 300 * S + 20_000 * k - back_us * (500 <= k < 500 + count)
         events += moving(intake, k, raw_us)
-    times_us = [event.sample.time_us for event in events if isinstance(event, Imu)]
+    times_us = [event.sample.time_us for event in events if isinstance(event, given.Imu)]
     assert len(times_us) == 600 - lost
-    assert sum(isinstance(event, Rejected) for event in events) == lost
+    assert sum(isinstance(event, given.Rejected) for event in events) == lost
     assert times_us[-1] - times_us[0] == 599 * 20_000
     assert times_us == sorted(times_us)
 
@@ -74,9 +106,9 @@ def test_a_clock_set_back_far_for_longer_costs_two_fresh_starts_and_no_reading(c
     intake, events = Intake(VEHICLE), []
     for k in range(600):
         events += moving(intake, k, 300 * S + 20_000 * k - 99 * S * (500 <= k < 500 + count))
-    resets = [event for event in events if isinstance(event, ClockReset)]
+    resets = [event for event in events if isinstance(event, given.ClockReset)]
     assert [(each.reason, each.goes_on) for each in resets] == [("jump", False)] * 2
-    assert sum(isinstance(event, Imu) for event in events) == 600
+    assert sum(isinstance(event, given.Imu) for event in events) == 600
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -88,8 +120,8 @@ def test_a_field_that_wraps_is_out_of_range_until_it_is_back(peak_gauss, sign):
         true = sign * (0.4 + peak_gauss * math.sin(math.pi * k / 800) ** 2)
         shown = 1e-3 * ((round(1e3 * true) + 32768) % 65536 - 32768)
         events = moving(intake, k, S + 20_000 * k, (0.2 + 1e-3 * (k % 3), 0.0, shown))
-        used += [true for e in events if isinstance(e, Imu) and e.sample.has_mag]
-        refused += sum(isinstance(event, Rejected) for event in events)
+        used += [true for e in events if isinstance(e, given.Imu) and e.sample.has_mag]
+        refused += sum(isinstance(event, given.Rejected) for event in events)
     assert max(map(abs, used)) <= 8.0
     assert len(used) + refused == 800
 
@@ -104,11 +136,6 @@ def test_a_reboot_voids_the_status_of_the_filter_and_a_leap_does_not(raw_us, is_
     assert next(filter(None, events))[0].reason == ("reboot" if is_reboot else "jump")
     at = stamp(raw_us + 1_350_000, arrival_us + 1_350_000)
     assert bool(intake.fix("LOCAL_POSITION_NED", at, Fix((1.0, 0.0, 0.0)))) is is_reboot
-
-
-def only(events):
-    (event,) = events
-    return event
 
 
 @pytest.mark.parametrize(
@@ -133,10 +160,10 @@ def test_what_is_not_finite_is_left_out_and_the_rest_is_kept():
     intake, _ = running()
     broken = (math.nan, 8.5, 500.0)
     assert kinds(intake.fix("GPS", stamp(301 * S), Fix((1.0, 0.0, 0.0), position=broken))) == [
-        Velocity
+        given.Velocity
     ]
     fix = Fix((math.inf, 0.0, 0.0), position=PLACE)
-    position = only(intake.fix("GPS", stamp(302 * S), fix))
+    (position,) = intake.fix("GPS", stamp(302 * S), fix)
     assert (position.latitude_deg, position.longitude_deg, position.altitude_m) == PLACE
     fix = Fix((1.0, 0.0, 0.0), sigma_m_s=math.nan)
     assert intake.fix("GPS", stamp(303 * S), fix) == []
@@ -150,7 +177,7 @@ def test_a_field_that_does_not_turn_with_the_vehicle_is_taken_away_and_counted()
         mag = (0.2 * math.cos(angle), -0.2 * math.sin(angle), 0.4) if moves else FIELD
         gyr = (0.001 * (k % 7), 0.0, 1.0 + 0.001 * (k % 5))
         events = imu(intake, S + 20_000 * k, gyr=gyr, acc=(0.001 * (k % 3), 0.0, -9.8), mag=mag)
-        refused += [k for event in events if isinstance(event, Rejected)]
+        refused += [k for event in events if isinstance(event, given.Rejected)]
         if refused and refused[-1] == k:
             assert events[0].reason == Reason.MAGNETOMETER_STUCK
             assert not events[1].sample.has_mag
@@ -166,7 +193,7 @@ def test_after_blindness_the_track_is_lost_and_it_is_reported_for_how_long():
         gyr = (2.0, 0.0, 0.0) if is_stuck else (0.01 * (k % 7), 0.002 * (k % 3), 0.001 * (k % 5))
         acc = (0.5, 0.0, -9.0) if is_stuck else (0.01 * (k % 3), 0.02 * (k % 5), -9.8)
         events = imu(intake, S + 20_000 * k, gyr=gyr, acc=acc, mag=(0.2 + 1e-3 * (k % 4), 0.0, 0.4))
-        lost += [(k, event) for event in events if isinstance(event, TrackLost)]
+        lost += [(k, event) for event in events if isinstance(event, given.TrackLost)]
     ((k, event),) = lost
     assert k == 160
     assert event.reason == Reason.STUCK
@@ -187,7 +214,7 @@ def test_a_place_that_is_none_is_refused_and_its_velocity_used(place, refused):
     intake, arrival_us = running()
     at = stamp(301 * S + 300_000, arrival_us)
     events = intake.fix("GPS", at, Fix((1.0, 0.0, 0.0), position=place))
-    assert kinds(events) == [Rejected if refused else Position, Velocity]
+    assert kinds(events) == [given.Rejected if refused else given.Position, given.Velocity]
     if refused:
         assert events[0].reason == Reason.POSITION_OUT_OF_RANGE
 
@@ -211,3 +238,75 @@ def test_a_clock_that_stays_back_holds_no_more_than_so_many():
         refused += len(events)
         assert k + 1 - refused <= MOST_HELD
     assert refused + len(stream.end()) == count
+
+
+def logged(stale_us=0):
+    vehicle = LoggedVehicle(VEHICLE, 0)
+    vehicle.at(S)
+    vehicle.put_mag(FIELD)
+    vehicle.at(S + stale_us)
+    return vehicle, vehicle.imu("IMU", ZERO_VEC3, REST)
+
+
+@pytest.mark.parametrize(
+    ("age_us", "expected"), [(200_000, True), (200_001, False), (-200_000, True), (-200_001, False)]
+)
+def test_a_logged_field_gets_stale(age_us, expected):
+    _, (event,) = logged(stale_us=age_us)
+    assert event.sample.has_mag is expected
+
+
+def test_a_logged_field_that_is_no_number_is_none():
+    vehicle, _ = logged()
+    vehicle.put_mag((math.nan, 0.0, 0.4))
+    (event,) = vehicle.imu("IMU2", ZERO_VEC3, REST)
+    assert not event.sample.has_mag
+
+
+def test_an_autopilot_s_unstamped_attitude_is_taken_if_it_sends_no_other():
+    intake = Intake(VEHICLE)
+    imu(intake, S)
+    (event,) = intake.unstamped("AHRS2", UNIX, "autopilot", IDENTITY)
+    assert (event.source, event.time_us) == ("autopilot", S)
+    imu(intake, 2 * S)
+    assert intake.wants_attitude(UNIX + S)
+    assert intake.unstamped("AHRS2", UNIX + S, "autopilot", IDENTITY) == []
+
+
+@pytest.mark.parametrize("ahead_us", [0, 300, 1_900])
+def test_a_simulators_attitude_belongs_to_the_imu_message_that_it_comes_with(ahead_us):
+    """SIM_STATE has no stamp; some send it right before the IMU message of its time."""
+    intake, times_us = Intake(VEHICLE), []
+    for k in range(1, 6):
+        at_us = UNIX + k * S // 4
+        truth = intake.unstamped("SIM_STATE", at_us - ahead_us, "sim", IDENTITY)
+        times_us += [
+            e.time_us for e in only(given.ReferenceAttitude, truth + imu(intake, k * S // 4, at_us))
+        ]
+    assert times_us == [k * S // 4 for k in range(2, 6)]
+
+
+@pytest.mark.parametrize("ends", [True, False])
+def test_an_attitude_that_waits_is_the_last_samples_at_the_end_or_if_the_host_is_set_back(ends):
+    intake, _ = running()
+    assert intake.unstamped("SIM_STATE", UNIX + 301 * S + 90_000, "sim", IDENTITY) == []
+    events = intake.end() if ends else imu(intake, 301 * S + 250_000, UNIX - 3600 * S)
+    assert [e.time_us for e in only(given.ReferenceAttitude, events)] == [301 * S]
+    assert intake.end() == []
+
+
+def test_a_simulators_attitude_right_behind_its_imu_message_does_not_wait():
+    intake = Intake(VEHICLE)
+    for k in range(1, 4):
+        imu(intake, k * S // 4)
+        (event,) = intake.unstamped("SIM_STATE", UNIX + k * S // 4 + 500, "sim", IDENTITY)
+        assert event.time_us == k * S // 4
+    assert intake.unstamped("SIM_STATE", UNIX + 3 * S // 4 + 90_000, "sim", IDENTITY) == []
+    # that one's own IMU message was lost, and it is a second of the third
+    assert not only(given.ReferenceAttitude, imu(intake, S))
+
+
+def test_a_field_repeated_after_the_clock_went_back_is_new():
+    field = RepeatedField()
+    times_us = (1_000_000, 1_239_999, 1_240_000, 1_100_000)
+    assert [field.is_fresh(FIELD, us) for us in times_us] == [True, False, True, True]

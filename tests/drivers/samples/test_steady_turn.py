@@ -93,18 +93,3 @@ def test_a_sensor_that_freezes_in_a_circle_is_found_when_the_vehicle_leaves_it(
     assert found
     assert {each for _, each in found} == {reason}
     assert found[0][0] < 12.0 + within_s
-
-
-def test_an_accelerometer_that_freezes_in_a_roll_is_found():
-    def rolling():
-        for k in range(800):
-            time_s = k / RATE_HZ
-            q = from_euler_rad(1.0 * max(0.0, time_s - 6.0), 0.0, 0.0)
-            shake = 0.01 * sin(9.0 * time_s + k)
-            gyr = (1.0 * (time_s > 6.0) + shake, shake, 0.0)
-            force = tuple(f + shake for f in rotate_inverse(q, (0.0, 0.0, -G)))
-            yield Readings(round(time_s * S), gyr, force, rotate_inverse(q, FIELD_NED_GAUSS))
-
-    found = refusals(rolling(), frozen(6.0, "acc_m_s2"))
-    assert {reason for _, reason in found} == {"accelerometer_stuck"}
-    assert found[0][0] < 6.7

@@ -17,7 +17,7 @@ from drivers.simulation.simulated_vehicle import (
 from drivers.simulation.source import SimSource
 from drivers.source import open_live, require_openable
 from estimator.errors import InputError
-from tests.drivers.logs.reading import of
+from tests.drivers.logs.writers import of
 
 
 def source_and_clock(**options):

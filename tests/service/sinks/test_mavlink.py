@@ -131,13 +131,6 @@ def test_at_most_fifty_a_second_and_a_heartbeat_each_second(receiver, opened, ra
     assert kinds.count("ATTITUDE_QUATERNION") == pytest.approx(2 * expected, abs=1)
 
 
-def test_a_clock_that_was_set_back_silences_nothing(receiver, opened):
-    sink = opened()
-    sink.handle(attitudes(1, 20_000, start=1_000_000))
-    sink.handle(attitudes(1, 20_000))
-    assert [m.get_type() for m in messages(receiver)].count("ATTITUDE_QUATERNION") == 2
-
-
 def test_whoever_connects_later_is_served_and_a_broken_link_is_reported_once():
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]

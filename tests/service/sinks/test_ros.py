@@ -65,21 +65,6 @@ def test_every_field_arrives(frame):
     assert bytes(TYPES.serialize_cdr(message, IMU)) == again
 
 
-@pytest.mark.parametrize(
-    ("angles_deg", "forward_enu", "left_enu"),
-    [
-        ((0, 0, 0), (0, 1, 0), (-1, 0, 0)),  # level, north: left is west
-        ((0, 0, 90), (1, 0, 0), (0, 1, 0)),  # level, east
-        ((0, 90, 0), (0, 0, 1), (-1, 0, 0)),  # nose up
-        ((90, 0, 0), (0, 1, 0), (0, 0, 1)),  # rolled to the right: the left side is up
-    ],
-)
-def test_axes_point_where_ros_expects_them(angles_deg, forward_enu, left_enu):
-    message = decode(imu_message(record(*angles_deg), REST_FRD, "f"))
-    np.testing.assert_allclose(orientation(message).apply([1, 0, 0]), forward_enu, atol=1e-12)
-    np.testing.assert_allclose(orientation(message).apply([0, 1, 0]), left_enu, atol=1e-12)
-
-
 def test_any_attitude_is_the_same_rotation_in_other_axes():
     rng = np.random.default_rng(1)
     for _ in range(50):

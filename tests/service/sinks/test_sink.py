@@ -36,15 +36,6 @@ class Blocker(Collector):
         super().handle(outputs)
 
 
-def test_everything_is_delivered_before_the_close():
-    sink = Collector()
-    with Outbox([sink]) as outbox:
-        for number in range(MAX_PENDING):
-            outbox.put(messages(number))
-    assert texts(sink) == [str(n) for n in range(MAX_PENDING)]
-    assert sink.closed
-
-
 def test_a_sink_that_raises_is_reported_of_once_and_hurts_no_other():
     good, bad = Collector(), Raiser()
     outbox = Outbox([bad, good])
