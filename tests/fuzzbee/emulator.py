@@ -7,7 +7,7 @@ import subprocess
 import sys
 import termios
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import partial
 
 import pyte
@@ -37,23 +37,20 @@ class Terminal:
         """Read until ``condition(lines)`` holds."""
         end_s = time.monotonic() + timeout_s
         while not condition(self._screen.display):
-            goes_on = time.monotonic() < end_s and self.read(0.1)
-            assert goes_on or condition(self._screen.display), "\n".join(self._screen.display)
+            assert time.monotonic() < end_s, "\n".join(self._screen.display)
+            self.read(0.1)
 
     def read(self, seconds):
-        """Take in what comes in so long; False at the end."""
+        """Take in what comes in so long, or up to the end."""
         end_s = time.monotonic() + seconds
         while (left_s := end_s - time.monotonic()) > 0.0:
-            if not select.select([self._descriptor], [], [], left_s)[0]:
-                return True
-            data = b""
-            with suppress(OSError):  # the other side is closed
-                data = os.read(self._descriptor, 65536)
-            if not data:
-                return False
+            try:
+                ready, _, _ = select.select([self._descriptor], [], [], left_s)
+                data = os.read(self._descriptor, 65536) if ready else b""
+            except OSError:  # the other side is closed
+                return
             self.written += data
             self._stream.feed(data)
-        return True
 
 
 @contextmanager

@@ -70,16 +70,20 @@ def truth_of(seed):
     return reported
 
 
+def frames_of(log):
+    """Arrival and bytes of each frame of a telemetry log."""
+    with windowed(log) as window:
+        return [(us, bytes(each.data)) for us, each in filter(None, tlog_records(window))]
+
+
 def rewritten(log, made, change):
     """A copy of a log; ``change(seconds, message)`` gives messages for each, or None for itself."""
     data, first_us = bytearray(), None
-    with windowed(log) as window:
-        records = [*filter(None, tlog_records(window))]
-    for stamp_us, frame in records:
+    for stamp_us, frame in frames_of(log):
         first_us = stamp_us if first_us is None else first_us
-        message = parsed(frame.data)
+        message = parsed(frame)
         given = change(1e-6 * (stamp_us - first_us), message)
-        frames = [frame.data]
+        frames = [frame]
         if given is not None:
             link = mavlink().MAVLink(None, message.get_srcSystem(), message.get_srcComponent())
             link.seq = message.get_seq()

@@ -9,7 +9,6 @@ from contextlib import contextmanager
 
 import pytest
 
-from drivers.mavlink.framing import frame_end
 from drivers.simulation.autopilot import VehicleOptions
 from drivers.simulation.fleet import Fleet
 from tests.fuzzbee.processes import UDP, descendants, is_alive, started
@@ -20,10 +19,28 @@ SLOW_HZ = 20.0  # a short stall of a busy computer leaves no sample out
 
 
 @contextmanager
-def flight(vehicles, *ports, rate_hz=RATE_HZ, seconds=60.0):
+def repeated(step, period_s):
+    """``step()`` again and again in a thread of its own."""
+    ended = threading.Event()
+
+    def run():
+        while not ended.wait(period_s):
+            step()
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+@contextmanager
+def flight(vehicles, *ports, rate_hz=RATE_HZ):
     """The same datagrams to each port, in real time; yields how many datagrams have been sent."""
-    fleet = Fleet(VehicleOptions(rate_hz=rate_hz), vehicles)
-    ended, sent = threading.Event(), []
+    fleet, sent = Fleet(VehicleOptions(rate_hz=rate_hz), vehicles), []
+    begin_s = time.monotonic()
     with socket.socket(socket.AF_INET, UDP) as sender:
 
         def send(data):
@@ -32,18 +49,10 @@ def flight(vehicles, *ports, rate_hz=RATE_HZ, seconds=60.0):
                 sender.sendto(data, ("127.0.0.1", port))
 
         def fly():
-            begin_s = time.monotonic()
-            while not ended.is_set() and time.monotonic() < begin_s + seconds:
-                fleet.send_due(1e6 * (time.monotonic() - begin_s), time.time_ns() // 1000, send)
-                time.sleep(0.002)
+            fleet.send_due(1e6 * (time.monotonic() - begin_s), time.time_ns() // 1000, send)
 
-        thread = threading.Thread(target=fly)
-        thread.start()
-        try:
+        with repeated(fly, 0.002):
             yield sent
-        finally:
-            ended.set()
-            thread.join()
 
 
 @contextmanager
@@ -89,16 +98,6 @@ def end(process, lines):
     assert process.wait(10) == 0
     assert not [line for line in lines if "Traceback" in line]
     return json.loads(out)
-
-
-def recorded(path):
-    """Arrival and bytes of each frame of a tlog."""
-    data, at, frames = path.read_bytes(), 0, []
-    while at < len(data):
-        behind = frame_end(data, at + 8)
-        frames.append((int.from_bytes(data[at : at + 8], "big"), data[at + 8 : behind]))
-        at = behind
-    return frames
 
 
 class Subscriber:

@@ -1,6 +1,7 @@
 """Beside downloaded logs may lie programs under our names: they are not run."""
 
 import json
+import shutil
 
 import pytest
 
@@ -35,9 +36,7 @@ def test_programs_in_the_current_folder_are_not_run(tmp_path, spelling, argument
     script.parent.mkdir()
     script.write_text(SCRIPT)
     if spelling == "module":  # without fuzzbee itself, which Python looks up before we can act
-        for name in ("__init__", "kernels", "cli"):
-            (trap / "fuzzbee" / f"{name}.py").unlink()
-        (trap / "fuzzbee").rmdir()
+        shutil.rmtree(trap / "fuzzbee")
     run(trap, *(["-m", "fuzzbee"] if spelling == "module" else [str(script)]), *arguments)
     assert not (trap / "sprung").exists(), (trap / "sprung").read_text()
 
@@ -55,6 +54,17 @@ def test_settings_for_numba_in_the_current_folder_are_not_read(tmp_path):
     done = run(tmp_path, "-m", "fuzzbee", "replay", str(TAKEOFF), "--json")
     assert ".numba_config" not in done.stderr
     assert json.loads(done.stdout)["imu"]
+
+
+def test_neither_settings_for_plots_nor_modules_of_the_current_folder_are_read(tmp_path):
+    """Nor by the processes that share the work of ``check``."""
+    pytest.importorskip("matplotlib", reason="the extra plot is not installed")
+    (tmp_path / "matplotlibrc").write_bytes(b"\xff\xff")
+    for name in ("multiprocessing", "pickle", "random", "struct"):
+        (tmp_path / f"{name}.py").write_text("open('sprung', 'a').write(__name__)")
+    run(tmp_path, "-m", "fuzzbee", "replay", str(TAKEOFF), "--plot", "plot.png")
+    run(tmp_path, "-m", "fuzzbee", "check", str(TAKEOFF), str(TAKEOFF))
+    assert not (tmp_path / "sprung").exists()
 
 
 REPLAY = ("replay", str(TAKEOFF))
@@ -85,16 +95,3 @@ def test_a_relative_folder_for_states_is_nobodys(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     assert state_path() == tmp_path / ".local/state/fuzzbee/signing.json"
     assert user_cache() == tmp_path / ".cache/fuzzbee"
-
-
-def test_settings_for_plots_in_the_current_folder_are_not_read(tmp_path):
-    pytest.importorskip("matplotlib", reason="the extra plot is not installed")
-    (tmp_path / "matplotlibrc").write_bytes(b"\xff\xff")
-    run(tmp_path, "-m", "fuzzbee", "replay", str(TAKEOFF), "--plot", "plot.png")
-
-
-def test_processes_that_share_the_work_run_nothing_of_the_current_folder(tmp_path):
-    for name in ("multiprocessing", "pickle", "random", "struct"):
-        (tmp_path / f"{name}.py").write_text("open('sprung', 'a').write(__name__)")
-    run(tmp_path, "-m", "fuzzbee", "check", str(TAKEOFF), str(TAKEOFF))
-    assert not (tmp_path / "sprung").exists()

@@ -3,23 +3,30 @@
 import json
 import re
 import shlex
+import shutil
+import subprocess
 import sys
+import time
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
+import zenoh
 
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.reasons import Reason
 from fuzzbee.cli import main
+from fuzzbee.verdict import HEADING_DEG, HORIZON_DEG, WORDS
 from service.records import AttitudeRecord, StatusRecord
 from tests.fuzzbee.processes import begun, default_session, free_port, started
 from tests.fuzzbee.recording import recorded
 from tests.fuzzbee.services import await_line
 from tests.programs import run_python
+from tests.service.sessions import heard, opened, wait_for
 
 DOCS = Path(__file__).parents[2] / "docs"
+EXAMPLE = DOCS / "tls"
 
 pytestmark = pytest.mark.checkout
 
@@ -98,6 +105,12 @@ def test_every_command_in_the_documents_is_one(page, arguments, capfd):
     assert main([*arguments, "--help"]) == 0, page
 
 
+def test_the_page_of_views_names_the_bounds_and_words_that_are_used():
+    bounds = [f"over {bound:g}°" for bound in (*HORIZON_DEG, *HEADING_DEG)]
+    words = [f"**{word}**" for word in WORDS.values()]
+    assert not [each for each in (*bounds, *words) if each not in read("views.md")]
+
+
 def test_links_between_the_documents_lead_somewhere():
     for page in PAGES:
         for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text("utf-8")):
@@ -173,18 +186,99 @@ def tilt_deg(quaternion):
     return np.degrees(2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z)))
 
 
-@pytest.mark.parametrize("peer", ["vqf", "ahrs", "fuzzbee"])
-def test_the_words_of_other_filters_are_theirs_for_a_batch(peer):
-    names = made(peer, 100.0) | dict(zip(("gyr", "acc", "mag"), rolled(100.0), strict=True))
-    words = re.search(r"`(.*?)`", cells_of(peer)[0])[1]
-    assert tilt_deg(eval(words, names | {"f": 100.0})[-1]) == pytest.approx(30.0, abs=1.0)
-
-
-@pytest.mark.parametrize("peer", ["vqf", "imufusion", "ahrs"])
-def test_the_words_of_other_filters_are_theirs(peer):
-    """One call a sample, as the table has it."""
-    update, *attitude = (part.strip("` ") for part in cells_of(peer)[1].split(";"))
-    names = {"np": np, **made(peer, 100.0)}
-    for names["gyr"], names["acc"], names["mag"] in zip(*rolled(100.0), strict=True):
+@pytest.mark.parametrize("peer", ["vqf", "ahrs", "imufusion", "fuzzbee"])
+def test_the_words_of_filters_are_theirs(peer):
+    """The batch of those that have one, and one call a sample."""
+    batch, single = cells_of(peer)
+    names = {"np": np, "f": 100.0, **made(peer, 100.0)}
+    readings = dict(zip(("gyr", "acc", "mag"), rolled(100.0), strict=True))
+    if peer != "imufusion":
+        words = re.search(r"`(.*?)`", batch)[1]
+        assert tilt_deg(eval(words, names | readings)[-1]) == pytest.approx(30.0, abs=1.0)
+    if peer == "fuzzbee":
+        return
+    update, *attitude = (part.strip("` ") for part in single.split(";"))
+    for names["gyr"], names["acc"], names["mag"] in zip(*readings.values(), strict=True):
         exec(update, names)
     assert tilt_deg(eval((*attitude, "q")[0], names)) == pytest.approx(30.0, abs=1.0)
+
+
+# --- the example of docs/security.md, run as it stands there
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Certificates by the example's own commands."""
+    if shutil.which("openssl") is None:
+        pytest.skip("needs openssl")
+    made = tmp_path_factory.mktemp("tls")
+    script = EXAMPLE / "certificates.sh"
+    subprocess.run(["sh", "-e", str(script)], cwd=made, check=True, capture_output=True)
+    return made
+
+
+@pytest.fixture
+def port():
+    return free_port()
+
+
+def configuration(folder, port, name):
+    """A configuration of the example, with its files found and another port."""
+    file = EXAMPLE / ("service.json5" if name == "service" else "tablet.json5")
+    text = file.read_text("utf-8").replace(":7447", f":{port}").replace("tablet.", f"{name}.")
+    text = re.sub(r'"(\w+\.(?:pem|key))"', lambda m: json.dumps(str(folder / m[1])), text)
+    path = folder / f"{name}-{port}.json5"
+    path.write_text(text)
+    return path
+
+
+def secured(folder, port):
+    config = configuration(folder, port, "service")
+    return started("run", "sim:", "--rate", "20", "--json", "-c", str(config))
+
+
+def client(folder, port, name):
+    return opened(zenoh.Config.from_file(str(configuration(folder, port, name))))
+
+
+def first_attitude(session):
+    records = heard(session, "fuzzbee/*/attitude")
+    wait_for(lambda: records, 120.0)
+    return records[0]
+
+
+def answers(session, key, payload=None):
+    replies = session.get(key, payload=payload, timeout=3.0)
+    return [reply.ok.payload.to_string() for reply in replies if reply.ok is not None]
+
+
+def test_the_tablet_reads_and_the_office_changes(folder, port):
+    change = json.dumps({"filter": {"gamma": 2.0}})
+    with secured(folder, port):
+        with client(folder, port, "tablet") as tablet:
+            assert first_attitude(tablet)["schema"] == 1
+            wait_for(lambda: answers(tablet, "fuzzbee/*/status"), 120.0)
+            assert answers(tablet, "fuzzbee/1/parameters", change) == []
+        with client(folder, port, "office") as office:
+            assert first_attitude(office)["schema"] == 1
+            wait_for(lambda: answers(office, "fuzzbee/1/parameters", change), 120.0)
+            (profile,) = answers(office, "fuzzbee/1/parameters", change)
+            assert json.loads(profile)["filter"]["gamma"] == 2.0
+
+
+def test_without_a_certificate_nobody_gets_in(folder, port):
+    with secured(folder, port), client(folder, port, "tablet") as tablet:
+        assert first_attitude(tablet) is not None
+        config = zenoh.Config.from_file(str(configuration(folder, port, "nobody")))
+        for key in ("connect_certificate", "connect_private_key"):
+            config.insert_json5(f"transport/link/tls/{key}", "null")
+        config.insert_json5("transport/link/tls/enable_mtls", "false")
+        config.insert_json5("connect/timeout_ms", "3000")
+        try:
+            session = zenoh.open(config)
+        except zenoh.ZError:
+            return
+        with session:  # TLS 1.3 lets the client believe so at first
+            records = heard(session, "fuzzbee/*/attitude")
+            time.sleep(3.0)
+            assert not records

@@ -21,7 +21,9 @@ from fuzzbee.run_report import recording_word, summary
 from service.stream_state import ImuChoice
 from service.vehicle import Vehicle
 from tests.fuzzbee.processes import UDP, default_session, free_endpoint, free_port, shell, started
+from tests.fuzzbee.recording import TAKEOFF
 from tests.fuzzbee.services import await_line
+from tests.programs import can_mount
 from tests.service.sessions import plain_listener
 
 
@@ -101,25 +103,6 @@ def test_signals_end_it_quietly_with_everything_closed(number, line, tmp_path):
     assert result["vehicles"]["1"]["attitudes"] > 0
     assert result["truth"]["1"]["worst_deg"] > 0
     assert main(["run", "--no-zenoh", str(record), "--profile", "paper", "--speed", "5"]) == 0
-
-
-def test_a_vehicle_that_is_killed_and_started_again(line):
-    """Degraded, lost, and running again without restarting the service."""
-    to, source = line
-    with started("run", source, "--profile", "paper", "--no-zenoh", "--json") as service:
-        with started("sim", "--to", to):
-            await_line(service, "vehicle 1: running")
-            for _ in range(3):  # a line a second: long enough to know a reboot from a jitter
-                await_line(service, "roll")
-        await_line(service, "vehicle 1: degraded")
-        await_line(service, "vehicle 1: lost")
-        with started("sim", "--to", to):
-            reported = await_line(service, "vehicle 1: running")
-            service.send_signal(signal.SIGINT)
-            out, _ = service.communicate(timeout=60)
-    assert service.returncode == 0
-    assert json.loads(out)["vehicles"]["1"]["state"] == "running"
-    assert "reboot" in reported
 
 
 def test_ros_nodes_receive_the_vehicle(capfd, monkeypatch):
@@ -221,3 +204,23 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     assert (vehicle["worst_gap_s"], vehicle["imu_rate_hz"]) == (0.25, 49.877)
     assert (vehicle["samples"], vehicle["shed"], vehicle["attitudes"]) == (31, 32, 33)
     assert (vehicle["imu_message"], vehicle["rejected"]) == ("RAW_IMU", {"late": 35})
+
+
+def run_in(mount, *arguments):
+    """A command in a namespace of its own, in which /dev/shm is another one."""
+    if not can_mount("mount -t tmpfs none /dev/shm"):
+        pytest.skip("no namespaces of one's own here")
+    script = f'mount -t tmpfs {mount} none /dev/shm && exec "$@"'
+    return shell(f"unshare -rm sh -c '{script}' sh \"$@\"", *arguments)
+
+
+@pytest.mark.parametrize("mount", ["-o ro", "-o size=4k"])
+def test_where_the_system_gives_no_shared_memory_a_run_goes_on_with_a_line(mount):
+    done = run_in(mount, "run", "sim:", "--seconds", "2", "--json", *default_session())
+    assert json.loads(done.stdout)["vehicles"]["1"]["attitudes"] > 0
+    assert done.stderr.count("no shared memory, going on without") == 1
+
+
+def test_without_shared_memory_logs_are_checked_one_after_the_other():
+    done = run_in("-o ro", "check", str(TAKEOFF), str(TAKEOFF))
+    assert done.stdout.count("no difference") == 2

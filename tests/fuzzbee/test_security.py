@@ -1,22 +1,29 @@
-"""Signed and unsigned vehicles at once, allowed systems: real processes on loopback."""
+"""Signed and unsigned vehicles at once, keys, and what is listened on: real processes."""
 
 import json
 import os
 import signal
 import socket
-import threading
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
-from itertools import cycle, product
+from contextlib import closing, contextmanager, suppress
+from itertools import count, cycle, product
 from pathlib import Path
 
 import pytest
 
 from drivers.mavlink.encoder import signing_key
 from fuzzbee.cli import main
-from fuzzbee.security import parse_system_ids
-from tests.fuzzbee.processes import UDP, free_endpoint, free_port, shell, started
-from tests.fuzzbee.services import only, recorded
+from tests.fuzzbee.processes import (
+    UDP,
+    default_session,
+    free_endpoint,
+    free_port,
+    is_loopback,
+    listening,
+    shell,
+    started,
+)
+from tests.fuzzbee.recording import frames_of
+from tests.fuzzbee.services import only, repeated
 from tests.service.sessions import plain_client, wait_for
 
 os.environ["MAVLINK20"] = "1"  # read by pymavlink when it is imported
@@ -71,56 +78,44 @@ def test_beside_a_signed_vehicle_an_unsigned_one_is_refused_and_counted(key, por
     assert "without a signature" in output
 
 
-class Peer:
-    """A vehicle made of pymavlink, signing and checking signatures, in a thread."""
+@contextmanager
+def peer(port, key):
+    """A vehicle of pymavlink: its check of signatures, and the messages that it was asked for."""
+    link = mavutil.mavlink_connection(
+        f"udpout:127.0.0.1:{port}", source_system=1, source_component=1, dialect="ardupilotmega"
+    )
+    link.setup_signing(key, allow_unsigned_callback=lambda *_: False)
+    asked, numbers = [], count()
 
-    def __init__(self, port, key):
-        self._link = mavutil.mavlink_connection(
-            f"udpout:127.0.0.1:{port}", source_system=1, source_component=1, dialect="ardupilotmega"
-        )
-        self._link.setup_signing(key, allow_unsigned_callback=lambda *_: False)
-        self.signing = self._link.mav.signing
-        self.asked = []  # the messages that we were asked for
-        self._end = threading.Event()
-        self._thread = threading.Thread(target=self._fly)
+    def fly():
+        number = next(numbers)
+        if number % 50 == 0:
+            link.mav.heartbeat_send(2, 3, 0, 0, 4)
+        noise = number % 3
+        link.mav.raw_imu_send(10_000 * number, noise, 0, -1000, 0, noise, 1, 200, 0, 400)
+        with suppress(ConnectionRefusedError):  # nobody listens yet
+            message = link.recv_match(type="COMMAND_LONG", blocking=False)
+            if message is not None and message.command == 511:
+                asked.append(int(message.param1))
 
-    def __enter__(self):
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_):
-        self._end.set()
-        self._thread.join()
-        self._link.close()
-
-    def _fly(self):
-        link, number = self._link, 0
-        while not self._end.wait(0.01):
-            number += 1
-            if number % 50 == 1:
-                link.mav.heartbeat_send(2, 3, 0, 0, 4)
-            noise = number % 3
-            link.mav.raw_imu_send(10_000 * number, noise, 0, -1000, 0, noise, 1, 200, 0, 400)
-            with suppress(ConnectionRefusedError):  # nobody listens yet
-                message = link.recv_match(type="COMMAND_LONG", blocking=False)
-                if message is not None and message.command == 511:
-                    self.asked.append(int(message.param1))
+    with closing(link), repeated(fly, 0.01):
+        yield link.mav.signing, asked
 
 
 def test_a_signed_vehicle_accepts_our_requests_also_after_a_restart(key, port):
-    asked, stamps = [], []
-    with Peer(port, signing_key(key.read_bytes())) as vehicle:
+    counts, stamps = [], []
+    with peer(port, signing_key(key.read_bytes())) as (signing, asked):
         for _ in range(2):
             result, _ = run_service(port, KEY_FILE, key, "--request-rate", "200", seconds=2)
             assert result["vehicles"]["1"]["samples"] > 50
             assert result["vehicles"]["1"]["state"] == "running"
-            asked.append(len(vehicle.asked))
-            stamps.append(vehicle.signing.stream_timestamps[0, 1, 191])
-    assert 0 < asked[0] < asked[1]
-    assert set(vehicle.asked) == {27}  # RAW_IMU
+            counts.append(len(asked))
+            stamps.append(signing.stream_timestamps[0, 1, 191])
+    assert 0 < counts[0] < counts[1]
+    assert set(asked) == {27}  # RAW_IMU
     assert stamps[0] < stamps[1]
-    assert vehicle.signing.badsig_count == 0
-    assert vehicle.signing.goodsig_count > 4
+    assert signing.badsig_count == 0
+    assert signing.goodsig_count > 4
 
 
 def test_secrets_are_in_no_argument_log_recording_status_or_error(key, port, tmp_path):
@@ -155,27 +150,14 @@ def test_frames_of_before_a_restart_are_refused_after_it(key, port, tmp_path):
     with flying(port, KEY_FILE, key, "--rate", 20):
         before, _ = run_service(port, KEY_FILE, key, "--record", log, seconds=2)
     assert before["vehicles"]["1"]["samples"] > 20
-    ended = threading.Event()
-
-    def send_again():
-        with socket.socket(socket.AF_INET, UDP) as sender:
-            for _, frame in cycle(recorded(log)):
-                sender.sendto(frame, ("127.0.0.1", port))
-                if ended.wait(0.005):
-                    return
-
-    with ThreadPoolExecutor() as pool:
-        pool.submit(send_again)
-        try:
-            after, _ = run_service(port, KEY_FILE, key, seconds=2)
-        finally:
-            ended.set()
+    frames = cycle(frame for _, frame in frames_of(log))
+    with (
+        socket.socket(socket.AF_INET, UDP) as sender,
+        repeated(lambda: sender.sendto(next(frames), ("127.0.0.1", port)), 0.005),
+    ):
+        after, _ = run_service(port, KEY_FILE, key, seconds=2)
     assert after["vehicles"] == {}
     assert after["refused"]["replayed"] > 20
-
-
-def test_lists_of_system_ids():
-    assert parse_system_ids("1,2,10-12") == {1, 2, 10, 11, 12}
 
 
 @pytest.mark.parametrize(
@@ -212,3 +194,36 @@ def test_a_short_pass_phrase_warns(key, phrase, warns, capfd):
     output = capfd.readouterr().err
     assert ("easily guessed" in output) == warns
     assert phrase not in output
+
+
+def settled(process, condition):
+    """The sockets once ``condition`` holds for them."""
+    found = []
+
+    def is_settled():
+        assert process.poll() is None
+        found[:] = listening(process.pid)
+        return condition(found)
+
+    wait_for(is_settled)
+    return found
+
+
+@pytest.mark.parametrize("verb", ["run", "watch"])
+def test_a_session_listens_on_loopback_only(verb, port):
+    tcp, metrics = free_port(), free_port()
+    command, ports = [verb, "--json", *default_session(tcp)], {tcp}
+    if verb == "run":
+        command += [f"udpin:127.0.0.1:{port}", "--profile", "paper", "--ros"]
+        command += ["--metrics", str(metrics)]
+        ports |= {port, metrics}
+    with started(*command) as process:
+        found = settled(process, lambda seen: ports <= {port for _, port in seen})
+        assert all(is_loopback(host) for host, _ in found), found
+
+
+@pytest.mark.parametrize(("kind", "of"), [("udpin", [UDP]), ("tcpin", [])])
+def test_sim_listens_where_it_is_reported_only(kind, of):
+    port = free_port(*of)
+    with started("sim", "--to", f"{kind}:127.0.0.1:{port}") as process:
+        assert {*settled(process, bool)} == {("127.0.0.1", port)}

@@ -12,7 +12,6 @@ from pymavlink import mavutil
 
 from drivers.endpoint import Endpoint
 from drivers.events import Imu
-from drivers.mavlink.encoder import signing_key
 from drivers.mavlink.link import MavlinkLink
 from drivers.simulation.simulated_vehicle import SimulatedVehicle, simulate
 from fuzzbee.cli import main
@@ -107,17 +106,6 @@ def test_seconds_end_it_and_the_schedule_does_not_drift():
         assert vehicle.wait(PATIENCE_S) == 0
         while (more := ground.recv_match(type="RAW_IMU")) is not None:
             assert more.time_usec <= 2_000_000
-
-
-def test_signed_frames(tmp_path):
-    key_file = tmp_path / "key"
-    key_file.write_text("open sesame\n")
-    key_file.chmod(0o600)
-    with received("--signing-key-file", str(key_file)) as (ground, _):
-        ground.setup_signing(signing_key(b"open sesame"), sign_outgoing=False)
-        receive(ground, "RAW_IMU", 50)
-        assert ground.mav.signing.goodsig_count >= 50
-        assert ground.mav.signing.badsig_count == 0
 
 
 def test_a_bounded_run_that_nobody_received_is_a_failure(capfd):

@@ -1,4 +1,4 @@
-"""The documentation as a site: its generated pages, the tour, and that nothing is fetched."""
+"""The documentation as a site: generated pages and pictures, the tour; nothing is fetched."""
 
 import importlib.util
 import re
@@ -9,6 +9,7 @@ import pytest
 
 import fuzzbee
 from fuzzbee.app import build_command
+from fuzzbee.verdict import WORDS
 from tests.fuzzbee import browser
 from tests.programs import run_python
 
@@ -55,6 +56,19 @@ def test_links_to_the_repositorys_root_become_links_between_pages():
     links = script("site").site_links
     assert links("[a](docs/python.md#x) [b](../README.md)") == "[a](python.md#x) [b](index.md)"
     assert links("[c](CONTRIBUTING.md), [d](../CONTRIBUTING.md)").count("(contributing.md)") == 2
+
+
+def test_watch_is_drawn_of_recorded_flights(monkeypatch, tmp_path):
+    pictures = script("pictures")
+    monkeypatch.setattr(pictures, "FOLDER", tmp_path)
+    pictures.draw_watch()
+    pictures.draw_watch_one()
+    table, one = ((tmp_path / f"{name}.svg").read_text("utf-8") for name in ("watch", "watch-one"))
+    assert all(part in table for part in ("running", "tilt", "3.8"))
+    assert any(word.upper() in one.replace("&#160;", " ") for word in WORDS.values())
+    assert "horizon" in one
+    for picture in (table, one):
+        assert "http" not in picture.replace("http://www.w3.org/2000/svg", "")  # fetches nothing
 
 
 @pytest.mark.slow

@@ -203,13 +203,6 @@ def test_keys_choose_who_is_shown_alone(keys, alone):
     assert top.startswith(f" vehicle {alone}  running" if alone else "title")
 
 
-def test_a_key_quits():
-    view = TerminalView(Console(file=io.StringIO()), Console(file=io.StringIO()), "title")
-    for key, ends in (("x", False), ("q", True)):
-        view.press([key])
-        assert view.is_closed is ends
-
-
 def test_who_is_evicted_or_was_silent_for_longest_where_there_is_no_place_goes(monkeypatch):
     assert lines([*vehicle("2"), *vehicle("1"), Evicted(VehicleId(1, 1))]) == lines(vehicle("2"))
     monkeypatch.setattr("fuzzbee.latest.SLOTS", 2)

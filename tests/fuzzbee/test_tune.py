@@ -11,8 +11,7 @@ import pytest
 from estimator.profile import load_profile, merge_profile, profile_to_toml
 from fuzzbee.cli import main
 from fuzzbee.tune.report import has_gained, remarks
-from tests.fuzzbee.recording import DATA, PLANE, bench, truth_of, with_iron
-from tests.fuzzbee.recording import SLOW as SLOW_LOG
+from tests.fuzzbee.recording import DATA, SLOW, bench, truth_of
 from tuning.paper_experiment import run_experiment
 
 SMALL = ["sim:", "--sources", "6", "--cycles", "4", "--noise-seeds", "100-101"]
@@ -103,12 +102,12 @@ REFUSED_OF_A_LOG = [
     (["--parameters", "sigma"], "--objective coverage"),
     (["--parameters", "noise", "--objective", "coverage"], "--objective coverage"),
     (["--hold-out", "no-such.tlog"], "no such file"),
-    (["--hold-out", str(SLOW_LOG)], "nothing is left to tune on"),
+    (["--hold-out", str(SLOW)], "nothing is left to tune on"),
     (["--noise-seeds", "100-101"], "goes with sim: only"),
     (["--held-out-seeds", "1-2"], "goes with sim: only"),
     (["--base", "paper"], "conditioning.enabled"),
     (["--parameters", "calibration", "--reference", "smooth"], "--reference smooth"),
-    ([str(SLOW_LOG)], "the same log"),
+    ([str(SLOW)], "the same log"),
     (["no-such.tlog"], "no such file"),
     ([str(DATA / "sub_on_its_side.tlog")], "sub_on_its_side.tlog: .*at least 60 s"),
     ([str(DATA / "px4_hover.ulg")], "px4_hover.ulg: .*at least 60 s"),
@@ -116,7 +115,7 @@ REFUSED_OF_A_LOG = [
 ]
 REFUSED = [
     *((["sim:", "--noise-seeds", "100-101", *options], words) for options, words in REFUSED_OF_SIM),
-    *(([SLOW_LOG, *FEW, *options], words) for options, words in REFUSED_OF_A_LOG),
+    *(([SLOW, *FEW, *options], words) for options, words in REFUSED_OF_A_LOG),
 ]
 
 
@@ -124,13 +123,6 @@ REFUSED = [
 def test_bad_options_are_refused_in_one_line_and_leave_nothing(tmp_path, refused, options, words):
     assert re.search(words, refused("tune", *options, "-o", tmp_path / "x.toml"))
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("output", "words"), [("none/x.toml", "no such folder"), (".", "a folder")]
-)
-def test_the_output_must_be_writable(tmp_path, refused, output, words):
-    assert words in refused("tune", *SMALL, "-o", tmp_path / output)
 
 
 def checkpoint(schema=3, evaluations=1, asked="ab", identity=None, costs=b"\0" * 8):
@@ -178,7 +170,7 @@ def uses(answer):
 
 def test_a_log_is_tuned_where_its_rate_allows(tmp_path, bad_base, tuned):
     file = tmp_path / "x.toml"
-    answer, _ = tuned(SLOW_LOG, *FEW, "--base", bad_base, "--plot", tmp_path / "figures")
+    answer, _ = tuned(SLOW, *FEW, "--base", bad_base, "--plot", tmp_path / "figures")
     require_figure(tmp_path / "figures")
     assert (answer["objective"], answer["parameters"]) == ("flight", ["noise"])
     assert answer["reference"] == "simulator's truth"
@@ -189,7 +181,7 @@ def test_a_log_is_tuned_where_its_rate_allows(tmp_path, bad_base, tuned):
     [flight] = answer["held_out_flights"]
     assert answer["harm"] is None
     assert flight["before"]["inclination"]["rms_deg"] > flight["after"]["inclination"]["rms_deg"]
-    assert uses(answer) == [(SLOW_LOG.name, "its later part held out")]
+    assert uses(answer) == [(SLOW.name, "its later part held out")]
     found, base = load_profile(str(file)), load_profile(str(bad_base))
     assert found.membership == base.membership
     assert found.aiding != base.aiding
@@ -199,7 +191,7 @@ def test_a_log_is_tuned_where_its_rate_allows(tmp_path, bad_base, tuned):
 
 def test_what_gains_nothing_is_not_written_unless_forced(tmp_path, tuned):
     """K counts for little where it only follows conditioned vectors."""
-    file, few = tmp_path / "x.toml", [SLOW_LOG, *FEW, "--parameters", "gain"]
+    file, few = tmp_path / "x.toml", [SLOW, *FEW, "--parameters", "gain"]
     answer, printed = tuned(*few, status=1)
     assert answer["file"] is None
     assert answer["held_out_after"] > 0.99 * answer["held_out_before"]
@@ -231,10 +223,10 @@ def test_what_is_reported_of_a_result_is_one_story(after, harm, written, line):
 
 def test_a_log_that_is_held_out_is_not_searched_on(tmp_path, bad_base, tuned):
     other = tmp_path / "other.tlog"
-    other.write_bytes(SLOW_LOG.read_bytes()[:-100_000])
+    other.write_bytes(SLOW.read_bytes()[:-100_000])
     options = ["--hold-out", other, "--base", bad_base, "--force"]
-    answer, _ = tuned(SLOW_LOG, other, *options, *FEW)
-    assert uses(answer) == [(SLOW_LOG.name, "tuned on"), ("other.tlog", "held out")]
+    answer, _ = tuned(SLOW, other, *options, *FEW)
+    assert uses(answer) == [(SLOW.name, "tuned on"), ("other.tlog", "held out")]
     assert [flight["name"] for flight in answer["held_out_flights"]] == ["other.tlog"]
 
 
@@ -255,24 +247,15 @@ def test_a_calibration_is_fitted_and_what_it_leaves_open_is_searched(tmp_path, t
     assert [each["use"] for each in found.provenance.inputs] == ["tuned on", "held out"]
 
 
-def test_a_calibration_that_gains_nothing_held_out_is_not_written(tmp_path, tuned):
-    """By the later part of a flight the filter itself has learnt the iron."""
-    log = with_iron(PLANE, tmp_path / "iron.tlog", (60.0, -40.0, 50.0))
-    answer, _ = tuned(log, *CALIBRATION, status=1)
-    assert answer["file"] is None
-    assert answer["calibration_alone"]["cost"] < 0.95 * answer["cost_before"]
-    assert answer["held_out_after"] > 0.99 * answer["held_out_before"]
-
-
 def test_recovery_has_the_papers_cost(tuned):
-    answer, _ = tuned(SLOW_LOG, *FEW, "--objective", "recovery", "--force")
+    answer, _ = tuned(SLOW, *FEW, "--objective", "recovery", "--force")
     assert answer["parameters"] == ["confidence", "conditioning"]
     assert answer["cost_before"] > 3.0  # J of 170 deg at 4 Hz
 
 
 def test_what_moves_sigma_alone_is_judged_by_coverage(tuned):
     options = ["--objective", "coverage", "--reference", "smooth", "--force"]
-    answer, _ = tuned(SLOW_LOG, *FEW, *options)
+    answer, _ = tuned(SLOW, *FEW, *options)
     assert answer["parameters"] == ["sigma"]
     assert answer["reference"] == "attitude smoothed over the whole log"
     [flight] = answer["held_out_flights"]
@@ -288,7 +271,7 @@ def test_what_moves_sigma_alone_is_judged_by_coverage(tuned):
 def test_a_log_gives_the_same_file_wherever_it_lies_and_whoever_computes(tmp_path):
     other = tmp_path / "moved"
     other.mkdir()
-    (other / SLOW_LOG.name).write_bytes(SLOW_LOG.read_bytes())
-    command(SLOW_LOG, "-o", tmp_path / "a.toml", *FEW, "--force")
-    command(other / SLOW_LOG.name, "-o", tmp_path / "b.toml", *FEW[:-1], "2", "--force")
+    (other / SLOW.name).write_bytes(SLOW.read_bytes())
+    command(SLOW, "-o", tmp_path / "a.toml", *FEW, "--force")
+    command(other / SLOW.name, "-o", tmp_path / "b.toml", *FEW[:-1], "2", "--force")
     assert (tmp_path / "a.toml").read_bytes() == (tmp_path / "b.toml").read_bytes()

@@ -1,6 +1,7 @@
 """Readings of ordinary sensors of a true motion, and what can go wrong with them for a while."""
 
 from collections.abc import Callable
+from itertools import product
 from math import cos, radians, sin
 from typing import NamedTuple
 
@@ -122,35 +123,23 @@ def _of(sensor: str, change: Change, *, every: bool = False) -> Kind:
     return apply
 
 
-def _offset(v: Floats, fault: Fault, *_: object) -> Floats:
-    return v + fault.size
-
-
-def _scaled(v: Floats, fault: Fault, *_: object) -> Floats:
-    return v * fault.size
-
-
-def _first(v: Floats, *_: object) -> Floats:
-    return np.broadcast_to(v[0], v.shape)
-
-
-def _growing(v: Floats, fault: Fault, time_s: Floats, _: np.random.Generator) -> Floats:
-    return v + fault.size * (time_s - fault.begin_s)
-
-
-def _noisy(v: Floats, fault: Fault, _: Floats, rng: np.random.Generator) -> Floats:
-    return v + fault.size * rng.standard_normal(len(v))
+CHANGES: dict[str, Change] = {
+    "first": lambda v, *_: np.broadcast_to(v[0], v.shape),
+    "offset": lambda v, fault, *_: v + fault.size,
+    "scaled": lambda v, fault, *_: v * fault.size,
+    "growing": lambda v, fault, time_s, _: v + fault.size * (time_s - fault.begin_s),
+    "noisy": lambda v, fault, _, rng: v + fault.size * rng.standard_normal(len(v)),
+    # one sample alone, as at a motor's start
+    "knocked": lambda v, fault, *_: v + fault.size * (np.arange(len(v)) == 0),
+    # no field, as a message without a compass has it
+    "absent": lambda v, *_: 0.0 * v,
+}
 
 
 def _saturated(v: Floats, fault: Fault, *_: object) -> Floats:
     """The end of the range is a share of the largest reading."""
     end = fault.size * float(np.max(np.abs(v)))
     return np.clip(v, -end, end)
-
-
-def _knocked(v: Floats, fault: Fault, *_: object) -> Floats:
-    """One sample alone, as at a motor's start."""
-    return v + fault.size * (np.arange(len(v)) == 0)
 
 
 def _vibrating(v: Floats, fault: Fault, time_s: Floats, rng: np.random.Generator) -> Floats:
@@ -172,42 +161,34 @@ def _other_pace(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator)
 
 
 KINDS: dict[str, Kind] = {
-    "gyroscope stuck": _of("gyr_rad_s", _first),
-    "gyroscope offset": _of("gyr_rad_s", _offset),
-    "gyroscope scale": _of("gyr_rad_s", _scaled),
-    "gyroscope noise": _of("gyr_rad_s", _noisy),
+    "gyroscope stuck": _of("gyr_rad_s", CHANGES["first"]),
+    "gyroscope offset": _of("gyr_rad_s", CHANGES["offset"]),
+    "gyroscope scale": _of("gyr_rad_s", CHANGES["scaled"]),
+    "gyroscope noise": _of("gyr_rad_s", CHANGES["noisy"]),
     "gyroscope saturated": _of("gyr_rad_s", _saturated),
-    "gyroscope drift": _of("gyr_rad_s", _growing),
-    "accelerometer knock": _of("acc_m_s2", _knocked),
-    "accelerometer offset": _of("acc_m_s2", _offset),
-    "accelerometer growing": _of("acc_m_s2", _growing),
+    "gyroscope drift": _of("gyr_rad_s", CHANGES["growing"]),
+    "accelerometer knock": _of("acc_m_s2", CHANGES["knocked"]),
+    "accelerometer offset": _of("acc_m_s2", CHANGES["offset"]),
+    "accelerometer growing": _of("acc_m_s2", CHANGES["growing"]),
     "accelerometer vibration": _of("acc_m_s2", _vibrating, every=True),
-    "magnetometer offset": _of("mag_gauss", _offset),
-    "magnetometer frozen": _of("mag_gauss", _first, every=True),
+    "magnetometer offset": _of("mag_gauss", CHANGES["offset"]),
+    "magnetometer frozen": _of("mag_gauss", CHANGES["first"], every=True),
     "magnetometer turned": _of("mag_gauss", _turned, every=True),
-    # no field, as a message without a compass has it
-    "magnetometer absent": _of("mag_gauss", lambda v, *_: 0.0 * v, every=True),
-    "velocity scale": _of("velocity_m_s", _scaled, every=True),
+    "magnetometer absent": _of("mag_gauss", CHANGES["absent"], every=True),
+    "velocity scale": _of("velocity_m_s", CHANGES["scaled"], every=True),
     "velocity turned": _of("velocity_m_s", _turned, every=True),
-    "clock unit": _of("stamp_s", _scaled, every=True),  # of the IMU's own stamp alone
+    "clock unit": _of("stamp_s", CHANGES["scaled"], every=True),  # of the IMU's own stamp alone
     "clock pace": _other_pace,
 }
 
 
 def listed_faults() -> list[Fault]:
     """One of each kind and axis."""
-    kinds = {
-        "stuck": [0.0],
-        "offset": [0.1, 0.5],
-        "scale": [2.0],
-        "noise": [0.3],
-        "saturated": [0.5],
-    }
-    sized = [(f"gyroscope {kind}", size) for kind, sizes in kinds.items() for size in sizes]
-    axes = [Fault(kind, axis, size) for kind, size in sized for axis in range(3)]
+    sized = (("stuck", 0.0), ("offset", 0.1), ("offset", 0.5), ("scale", 2.0), ("noise", 0.3))
+    of_axes = product((*sized, ("saturated", 0.5)), range(3))
     return [
         HEALTHY,
-        *axes,
+        *(Fault(f"gyroscope {kind}", axis, size) for (kind, size), axis in of_axes),
         Fault("accelerometer offset", 0, 3.0, end_s=60.0),
         Fault("accelerometer growing", 1, 0.3, end_s=60.0),
         Fault("accelerometer vibration", 0, 80.0, end_s=60.0),

@@ -21,6 +21,7 @@ FINE_HZ = 200
 DURATION_S = 80.0
 REST_S = 10.0
 TIME_S = np.arange(round(DURATION_S * FINE_HZ)) / FINE_HZ
+RATTLE = (0.5, 0.01)  # m/s^2 and rad/s, of most vehicles
 # MAV_TYPE
 HAND_HELD, PLANE, COPTER, ROVER, SUBMARINE, OCTOCOPTER = 0, 1, 2, 10, 12, 14
 
@@ -72,9 +73,8 @@ def still(draw: Draw) -> Motion:
 def hover(draw: Draw) -> Motion:
     """An octocopter that holds its place in light wind and vibrates."""
     motion = _copter(draw, lean_rad=0.03, periods_s=(2.0, 10.0), yaw_rad_s=0.05)
-    shaken = draw.size(4.0), draw.size(0.06)
-    motion = motion._replace(vehicle_type=OCTOCOPTER)
-    return motion._replace(acc_vibration_m_s2=shaken[0], gyr_vibration_rad_s=shaken[1])
+    shaken = {"acc_vibration_m_s2": draw.size(4.0), "gyr_vibration_rad_s": draw.size(0.06)}
+    return motion._replace(vehicle_type=OCTOCOPTER, **shaken)
 
 
 def gentle_tilts(draw: Draw) -> Motion:
@@ -148,8 +148,8 @@ def climb_and_turn(draw: Draw) -> Motion:
     # a coordinated turn: g tan(roll) across the way
     yaw = draw.angle() + _integral(G * np.tan(roll) * aloft / np.maximum(speeds, 5.0))
     attack = 0.05 * aloft
-    motion = _motion(PLANE, _from_euler(roll, climb + attack, yaw), _along(speeds, yaw, climb))
-    return motion._replace(acc_vibration_m_s2=0.5, gyr_vibration_rad_s=0.01)
+    q = _from_euler(roll, climb + attack, yaw)
+    return _motion(PLANE, q, _along(speeds, yaw, climb), *RATTLE)
 
 
 def aerobatics(draw: Draw) -> Motion:
@@ -167,8 +167,7 @@ def aerobatics(draw: Draw) -> Motion:
     q = integrated(rate, draw.angle())
     nose = rotate_inverse(conjugate(q), (1.0, 0.0, 0.0))
     speeds = speed * _step((TIME_S - REST_S) / (speed / 3.0)) * (1.0 + 0.25 * nose[:, 2])
-    motion = _motion(PLANE, q, speeds[:, None] * nose)
-    return motion._replace(acc_vibration_m_s2=0.5, gyr_vibration_rad_s=0.01)
+    return _motion(PLANE, q, speeds[:, None] * nose, *RATTLE)
 
 
 def in_hand(draw: Draw) -> Motion:
@@ -200,8 +199,7 @@ def _copter(
     right = np.cross(down, nose)
     right /= np.linalg.norm(right, axis=1, keepdims=True)
     q = from_matrices(np.stack([np.cross(right, down), right, down], axis=2))
-    motion = _motion(COPTER, q, velocity)
-    return motion._replace(acc_vibration_m_s2=0.5, gyr_vibration_rad_s=0.01)
+    return _motion(COPTER, q, velocity, *RATTLE)
 
 
 def _car(draw: Draw, speeds: Floats, turning: Floats) -> Motion:
@@ -209,16 +207,15 @@ def _car(draw: Draw, speeds: Floats, turning: Floats) -> Motion:
     yaw = draw.angle() + _integral(turning)
     rough = np.minimum(speeds, 1.0)
     roll, pitch = (rough * draw.waves(0.01, (0.5, 5.0)) for _ in range(2))
-    motion = _motion(ROVER, _from_euler(roll, pitch, yaw), _along(speeds, yaw))
-    return motion._replace(acc_vibration_m_s2=0.5, gyr_vibration_rad_s=0.01)
+    return _motion(ROVER, _from_euler(roll, pitch, yaw), _along(speeds, yaw), *RATTLE)
 
 
-def _motion(vehicle_type: int, q: Floats, velocity: Floats) -> Motion:
+def _motion(vehicle_type: int, q: Floats, velocity: Floats, *vibration: float) -> Motion:
     """Rate and specific force that belong to attitude and velocity."""
     turn = log(multiply(conjugate(q[:-2]), q[2:])) * (0.5 * FINE_HZ)
     rate = np.vstack([turn[:1], turn, turn[-1:]])
     force = np.gradient(velocity, 1.0 / FINE_HZ, axis=0) - (0.0, 0.0, G)
-    return Motion(vehicle_type, q, rate, rotate_inverse(q, force), velocity)
+    return Motion(vehicle_type, q, rate, rotate_inverse(q, force), velocity, *vibration)
 
 
 def _along(speeds: Floats, yaw: Floats, climb: Floats | None = None) -> Floats:

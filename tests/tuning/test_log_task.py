@@ -9,17 +9,25 @@ import pytest
 
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.errors import InputError
+from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.rotations import exp, multiply
 from estimator.live.rows import rows_of
 from estimator.profile import load_profile, merge_profile
 from fuzzbee import replay
 from fuzzbee.replays.log_report import report_log
 from fuzzbee.tune.read_flight import read_flight
-from tests.fuzzbee.recording import DATA
-from tests.fuzzbee.recording import SLOW as SLOW_LOG
+from tests.fuzzbee.recording import DATA, SLOW
 from tuning.calls import WRONG_TURN, Call
-from tuning.flight import Flight, fly, require_substance
-from tuning.flight_cost import Figure, FlightFigures, geometric_mean, harm, measure, score_errors
+from tuning.flight import Flight, fly, require_substance, sure_flight
+from tuning.flight_cost import (
+    Figure,
+    FlightFigures,
+    geometric_mean,
+    harm,
+    measure,
+    possible_truths,
+    score_errors,
+)
 from tuning.prediction import AHEAD_S, heading_errors, predicted_vectors
 from tuning.recovery import RECOVERY_S, SETTLE_S, recoveries, recovery_cost, recovery_errors
 from tuning.task import LATER_PART, default_groups, split
@@ -33,7 +41,7 @@ def imu(**changes):
 
 @pytest.fixture(scope="module")
 def recorded():
-    return read_flight(SLOW_LOG, imu())
+    return read_flight(SLOW, imu())
 
 
 def flight(rate_hz=50.0, duration_s=80.0, seed=3, **changes):
@@ -51,7 +59,7 @@ def flight(rate_hz=50.0, duration_s=80.0, seed=3, **changes):
 
 def test_a_flight_is_scored_as_replay_scores_it(recorded):
     """To the last digit: the same calls to the same estimator, aided by velocity in this flight."""
-    report = report_log(SLOW_LOG, imu())
+    report = report_log(SLOW, imu())
     for angle, figure in zip(("inclination", "heading"), measure(imu(), recorded)[:2], strict=True):
         assert figure.rms_deg == getattr(report.error_deg, f"{angle}_rms")
         assert figure.coverage == getattr(report.coverage, angle)
@@ -62,11 +70,6 @@ def test_a_flight_is_scored_as_replay_scores_it(recorded):
     assert recorded.rate_hz == pytest.approx(4.0, abs=0.2)
     assert recorded.known.mean() > 0.95
     assert recorded.restart[0]
-
-
-def test_the_aiding_is_tuned_where_it_runs(recorded):
-    deaf = imu(aiding={"filter_error_m_s": 50.0, "receiver_error_m_s": 50.0})
-    assert measure(deaf, recorded).cost > 1.1 * measure(imu(), recorded).cost
 
 
 @pytest.mark.parametrize("scale", [0.3, 0.7, 1.4, 3.0])
@@ -245,7 +248,63 @@ def test_one_flight_may_be_worse_if_the_others_are_better_by_more():
     assert harm(before, [better, worse._replace(heading=Figure(4.0, 1.0, 0.5))]) is not None
 
 
-# Vectors foretold by the gyroscope alone
+# --- a flight's smoothed attitude as what it is tuned by
+
+
+def test_truths_lie_around_a_reference_as_its_sigmas_say():
+    rng = np.random.default_rng(5)
+    q = rng.normal(size=(200, 4))
+    q /= np.linalg.norm(q, axis=1)[:, None]
+    sigma_rad = np.tile([0.02, 0.05], (200, 1))
+    truths = list(possible_truths(q, sigma_rad))
+    errors = np.concatenate([batch_angle_errors(q, truth) for truth in truths])
+    # means of eighths of a distribution; its tails are cut a little
+    assert np.mean(errors[:, 1] <= 0.05) == pytest.approx(0.68, abs=0.07)
+    assert np.mean(errors[:, 2] <= 0.02) == pytest.approx(0.68, abs=0.07)
+    assert rms(errors[:, 1]) == pytest.approx(0.05 / 0.994, rel=0.1)
+    assert rms(errors[:, 2]) == pytest.approx(0.02 * 2**0.5 / 1.51, rel=0.1)
+    assert np.array_equal(next(possible_truths(q, None)), q)
+
+
+def test_the_whole_flight_knows_better_and_how_well(recorded):
+    smooth = sure_flight(recorded, imu(), is_wanted=False)
+    assert smooth.reference == "smooth"
+    known = smooth.known & smooth.headed
+    assert known.mean() > 0.8
+    errors = batch_angle_errors(smooth.truth, recorded.truth)[known]
+    by_truth = measure(imu(), recorded)
+    assert np.degrees(rms(errors[:, 2])) < 0.8 * by_truth.inclination.rms_deg
+    by_smooth = measure(imu(), smooth)
+    # without its sigma the reference, made of the same samples, is far too near
+    sure = measure(imu(), smooth._replace(truth_sigma_rad=None))
+    assert sure.inclination.coverage > 0.95
+    assert 0.5 < by_smooth.inclination.coverage < 0.8
+    assert by_smooth.inclination.rms_deg > 1.5 * sure.inclination.rms_deg
+    # where the base profile reports no heading there is none
+    reported = np.arange(len(recorded.headed)) < 100
+    part_headed = sure_flight(recorded._replace(headed=reported), imu(), is_wanted=False)
+    assert part_headed.reference == "smooth"
+    assert not part_headed.headed[100:].any()
+
+
+def test_what_is_not_sure_is_no_reference():
+    """A submarine at 2 Hz, whose heading the whole log knows to more than 5 deg."""
+    flight = read_flight(DATA / "sub_bluerov.tlog", imu())
+    assert flight.reference == "autopilot"
+    assert sure_flight(flight, imu(), is_wanted=False) is flight
+    with pytest.raises(InputError, match=r"--reference smooth: .* in 100 and 0 % only") as error:
+        read_flight(DATA / "sub_bluerov.tlog", imu(), "smooth")
+    assert "\n" not in str(error.value)
+
+
+def test_the_best_reference_is_taken_or_the_one_that_is_wanted():
+    for wanted in ("smooth", "autopilot"):
+        assert read_flight(SLOW, imu(), wanted).reference == wanted
+    with pytest.raises(InputError, match="no reference 'sim'"):
+        read_flight(DATA / "sub_bluerov.tlog", imu(), "sim")
+
+
+# --- vectors foretold by the gyroscope alone
 
 N = 1000
 FLOWN = simulate(5, N, 100.0, noise=0.0, bias=0.0)

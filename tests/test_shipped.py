@@ -1,4 +1,4 @@
-"""The container's files without an engine: the same commands, run as processes on this computer."""
+"""What is shipped: the container's files, its commands as processes here, libraries, licences."""
 
 import json
 import os
@@ -6,12 +6,12 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 import pytest
 from ruamel.yaml import YAML
 
-from fuzzbee.cli import main
 from tests.fuzzbee.processes import free_endpoint, free_port, started
 from tests.programs import run_python
 
@@ -89,15 +89,6 @@ def test_every_service_is_the_one_image_locked_down_and_runs_as_nobody_in_partic
         assert service["cap_drop"] == ["ALL"]
 
 
-def test_the_commands_are_ours_and_name_each_other():
-    commands = {name: service["command"] for name, service in services().items()}
-    for command in commands.values():
-        assert main([*command, "--help"]) == 0  # an unknown option is an error
-    addresses = [word for command in commands.values() for word in command if ":" in word]
-    hosts = {re.fullmatch(r"\w+[:/]([\w.]+):\d+", address)[1] for address in addresses}
-    assert hosts == {"0.0.0.0", "sim", "service"}
-
-
 def health(endpoint):
     given = {"FUZZBEE_HEALTH_ENDPOINT": endpoint}
     return run_python(str(HEALTHCHECK), timeout_s=120, check=False, **given)
@@ -128,3 +119,74 @@ def test_the_composition_shows_attitudes_and_is_healthy():
     assert "roll" in lines[-1]
     assert checked.returncode == 0
     assert checked.stdout == "1 vehicles\n"
+
+
+# --- what is installed with us: its licences, and the container's libraries by their hashes
+
+EXTRAS = ("plot", "page", "mcap", "bags", "metrics", "viewer", "cluster", "optimizers")
+PERMISSIVE = re.compile(r"MIT|BSD|ISC|PSF|Python Software Foundation|Apache")
+# In docs by name: what is not permissive, or says nothing in its metadata.
+NAMED = {"apsw", "pymavlink", "scikit-fuzzy"}
+
+
+def canonical(name):
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def dependencies(name, extras):
+    """Names of all that a distribution brings here, itself left out."""
+    packaging = pytest.importorskip("packaging.requirements")
+    found, todo = set(), [(name, extras)]
+    while todo:
+        name, extras = todo.pop()
+        for text in distribution(name).requires or []:
+            required = packaging.Requirement(text)
+            marker, dependency = required.marker, canonical(required.name)
+            if marker and not any(marker.evaluate({"extra": extra}) for extra in ("", *extras)):
+                continue
+            if dependency not in found:
+                found.add(dependency)
+                todo.append((dependency, tuple(required.extras)))
+    return found
+
+
+def licence(name):
+    """What its metadata says, in the order in which tools came to say it."""
+    metadata = distribution(name).metadata
+    classifiers = [each for each in metadata.get_all("Classifier", []) if "License" in each]
+    output = (metadata.get("License-Expression"), *classifiers, metadata.get("License"))
+    return " ".join(each for each in output if each)
+
+
+def test_every_dependency_is_permissive_or_named_in_the_docs():
+    try:
+        names = dependencies("fuzzbee", EXTRAS)
+    except PackageNotFoundError as error:
+        pytest.skip(f"not all extras are installed: {error}")
+    assert len(names) > 40
+    others = {name for name in names if not PERMISSIVE.search(licence(name))}
+    assert others == NAMED
+    section = (ROOT / "docs" / "security.md").read_text("utf-8").partition("## Licences")[2]
+    assert all(f"`{name}`" in section for name in NAMED)
+
+
+def locked(name):
+    """The versions in a file of the container's, each with hashes."""
+    text = (ROOT / "docker" / name).read_text("utf-8").replace("\\\n", " ")
+    lines = [line.split() for line in text.splitlines() if line and not line.startswith("#")]
+    for _, *hashes in lines:
+        assert hashes
+        assert all(re.fullmatch(r"--hash=sha256:[0-9a-f]{64}", each) for each in hashes)
+    return {canonical(n): v for n, _, v in (line[0].partition("==") for line in lines)}
+
+
+def test_the_containers_libraries_have_hashes_and_the_versions_that_are_tested():
+    text = (ROOT / "constraints.txt").read_text("utf-8")
+    pins = re.findall(r"^([\w.-]+)==(\S+)", text, re.MULTILINE)
+    tested = {canonical(name): version for name, version in pins}
+    libraries, builder = locked("libraries.txt"), locked("builder.txt")
+    assert len(libraries) > 20
+    assert "hatchling" in builder  # pip refuses what it needs and is not listed
+    for name, version in (libraries | builder).items():
+        assert tested[name] == version
+    assert dependencies("fuzzbee", ("metrics",)) == set(libraries)
