@@ -119,7 +119,7 @@ def test_silence_of_the_reports_is_admitted(flight):
 
 @pytest.mark.parametrize(
     ("axis", "left_deg"),
-    [((0.0, 0.0, 1.0), 0.168), ((1.0, 0.0, 0.0), 0.233), ((0.6, 0.0, 0.8), 0.26)],
+    [((0.0, 0.0, 1.0), 0.131), ((1.0, 0.0, 0.0), 0.141), ((0.6, 0.0, 0.8), 0.26)],
 )
 def test_an_unsensed_turn_is_recovered_from(axis, left_deg):
     flight = banked_flight(seconds=20.0, bank_rad=0.0)
