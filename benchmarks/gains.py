@@ -16,12 +16,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from common.mekf import FILTERS, mekf_errors
-from common.paper_filter import Signals, errors_of, kernel_errors, require_equal, signals_of
+from common.paper_filter import Signals, cost, errors_of, kernel_errors, require_equal, signals_of
 from common.paper_laws import KINDS, Kind, fuzzy, tune
 from common.recordings import Array
 from common.report import PLOT, Point, Row, Tables, benchmark, draw, option, seeds
 
-from estimator.geometry.metrics import STEADY, TRANSIENT, TRANSIENT_WEIGHT
+from estimator.geometry.metrics import STEADY
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import load_profile
 from tests.paper_noise import NoiseScale
@@ -45,17 +45,12 @@ def law_errors(name: str, values: Array, settings: Settings, on: Signals) -> Arr
     return errors_of(settings, on, kind.law(values), candidates=len(values))
 
 
-def costs(e: Array) -> Array:
-    """J of e (..., N)."""
-    return TRANSIENT_WEIGHT * e[..., TRANSIENT].sum(-1) + e[..., STEADY].sum(-1)
-
-
 def figures(e: Array, rate_hz: float) -> Row:
     """What is reported of e (S, N)."""
     below = e < SETTLED_ERROR
     settled = np.where(below.any(axis=1), below.argmax(axis=1) / rate_hz, np.inf)
     return {
-        "J": float(costs(e).mean()),
+        "J": float(cost(e).mean()),
         "e 4..14 s": float(e[:, STEADY].mean()),
         "e 30..60 s": float(e[:, LATE].mean()),
         "settled s": float(np.median(settled)),
@@ -92,11 +87,11 @@ def tuned_contenders(options: Namespace) -> tuple[dict[str, Array], list[Row]]:
         print(f"tuning: {name} ...", file=sys.stderr, flush=True)
 
         def evaluate(values: Array, name: str = name) -> Array:
-            return np.asarray(costs(law_errors(name, values, settings, on)).mean(axis=1))
+            return np.asarray(cost(law_errors(name, values, settings, on)).mean(axis=1))
 
-        tuned[name], cost = tune(space, evaluate, FOOD_SOURCES, options.cycles)
+        tuned[name], least = tune(space, evaluate, FOOD_SOURCES, options.cycles)
         values = dict(zip((p.name for p in space), tuned[name].tolist(), strict=True))
-        rows.append({"gain": name, "J there": cost, "parameters": values})
+        rows.append({"gain": name, "J there": least, "parameters": values})
     return tuned, rows
 
 

@@ -45,19 +45,8 @@ import numpy as np
 import psutil
 from common.filters import is_installed
 from common.report import MISSING, Row, Tables, benchmark, names, option
-from processes.trial import (
-    WARM_UP_S,
-    BeginService,
-    Process,
-    Seen,
-    Shape,
-    counts,
-    figures,
-    fuzzbee,
-    memory_mb,
-    plain,
-    run,
-)
+from processes import trial
+from processes.trial import BeginService, Process, Seen, Shape
 
 from tests.fuzzbee.processes import cpu_s, descendants, free_port
 
@@ -75,22 +64,22 @@ def measure(shape: Shape, begin_service: BeginService) -> Row:
     memory: list[float] = []
 
     def meanwhile(service: Process, others: list[int]) -> None:
-        time.sleep(WARM_UP_S)
+        time.sleep(trial.WARM_UP_S)
         processes = [service.pid, *descendants(service.pid), *others]
-        for wait_s in (0.0, shape.seconds - WARM_UP_S - 0.2):
+        for wait_s in (0.0, shape.seconds - trial.WARM_UP_S - 0.2):
             time.sleep(wait_s)
             marks.append((time.time_ns(), [cpu_s(pid) for pid in processes]))
-        memory.extend(memory_mb(pid) for pid in processes[: -len(others)])
+        memory.extend(trial.memory_mb(pid) for pid in processes[: -len(others)])
 
-    seen = run(shape, begin_service, meanwhile)
+    seen = trial.run(shape, begin_service, meanwhile)
     (begin_ns, before), (end_ns, after) = marks
     window_s = (end_ns - begin_ns) / 1e9
     cores = [round((b - a) / window_s, 3) for a, b in zip(before, after, strict=True)]
     return {
         "vehicles": shape.vehicles,
         "Hz": shape.rate_hz,
-        **figures(seen, (begin_ns, end_ns), shape.publish_hz),
-        **counts(seen),
+        **trial.figures(seen, (begin_ns, end_ns), shape.publish_hz),
+        **trial.counts(seen),
         "cores of the service": cores[: len(memory)],
         "of subscriber, fleet": cores[len(memory) :],
         "MB": round(sum(memory), 1),
@@ -120,8 +109,8 @@ def load(shape: Shape, options: Namespace) -> list[Row]:
     """A row a service."""
     recorder = ("--record", options.record) if options.record else ()
     services: dict[str, BeginService | None] = {
-        "fuzzbee": lambda *where: fuzzbee(*where, *recorder),
-        "plain script": plain if is_installed("mahony") else None,
+        "fuzzbee": lambda *where: trial.fuzzbee(*where, *recorder),
+        "plain script": trial.plain if is_installed("mahony") else None,
     }
     chosen = list(services) if options.smoke else ["plain script" if options.plain else "fuzzbee"]
     found = capacity if options.capacity else measure
@@ -160,8 +149,8 @@ TROUBLES: dict[str, tuple[Callable[[int, float], None], int]] = {
 def troubled(name: str, shape: Shape) -> list[Row]:
     """One run with the trouble in the middle third of it."""
     trouble, times = TROUBLES[name]
-    third_s = (shape.seconds - WARM_UP_S) / 3.0
-    begin_s, lasts_s = WARM_UP_S + third_s, STOP_S if name == "stopped" else third_s
+    third_s = (shape.seconds - trial.WARM_UP_S) / 3.0
+    begin_s, lasts_s = trial.WARM_UP_S + third_s, STOP_S if name == "stopped" else third_s
     few, span_s = shape.vehicles, (begin_s, begin_s + lasts_s)
     shape = shape._replace(vehicles=few * times, few=few, burst_s=span_s)
 
@@ -169,18 +158,18 @@ def troubled(name: str, shape: Shape) -> list[Row]:
         time.sleep(begin_s)
         trouble(service.pid, lasts_s)
 
-    seen = run(shape, fuzzbee, meanwhile)
+    seen = trial.run(shape, trial.fuzzbee, meanwhile)
     always = seen._replace(attitudes=seen.attitudes[seen.attitudes[:, 0] <= few])
-    marks_s = (WARM_UP_S, *span_s, span_s[1] + RECOVERY_S, shape.seconds)
+    marks_s = (trial.WARM_UP_S, *span_s, span_s[1] + RECOVERY_S, shape.seconds)
     marks_ns = [seen.start_ns + int(mark_s * 1e9) for mark_s in marks_s]
     parts = zip(("before", "during", "", "after"), itertools.pairwise(marks_ns), strict=True)
     rows: list[Row] = [
-        {"trouble": name, "when": when, **figures(always, window_ns, shape.publish_hz)}
+        {"trouble": name, "when": when, **trial.figures(always, window_ns, shape.publish_hz)}
         for when, window_ns in parts
         if when
     ]
     gaps = {"longest gap s": longest_gaps(always, marks_ns[0])}
-    return [*rows, {"trouble": name, "when": "in all", **counts(seen), **gaps}]
+    return [*rows, {"trouble": name, "when": "in all", **trial.counts(seen), **gaps}]
 
 
 def longest_gaps(seen: Seen, begin_ns: int) -> list[float] | None:
@@ -208,9 +197,9 @@ def soak(shape: Shape) -> Row:
     with tempfile.TemporaryDirectory() as name:
         files = ("--record", f"{name}/recorded", "--rrd", f"{name}/seen.rrd")
         everything = (*files, "--metrics", str(metrics))
-        seen = run(shape, lambda *where: fuzzbee(*where, *everything), meanwhile)
+        seen = trial.run(shape, lambda *where: trial.fuzzbee(*where, *everything), meanwhile)
         recorded_mb = sum(f.stat().st_size for f in Path(name, "recorded").iterdir()) / 1e6
-    row = {"vehicles": shape.vehicles, "Hz": shape.rate_hz, **counts(seen)}
+    row = {"vehicles": shape.vehicles, "Hz": shape.rate_hz, **trial.counts(seen)}
     return {**row, "recorded MB": round(recorded_mb, 1), **verdict(looks)}
 
 

@@ -10,7 +10,6 @@ own attitude, less one constant rotation, since IMU and autopilot may be mounted
 the share of errors under sigma in motion and at rest. Then medians by motion and rate.
 """
 
-import sys
 from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,14 +17,13 @@ from statistics import median
 
 import numpy as np
 from common.recordings import Array, Bools
-from common.report import Row, Tables, benchmark, log_files, option
+from common.report import DATA, Row, Tables, benchmark, each_log, log_files, option
 from common.scores import by, mean_of, rms
 from flying.replayed import tilt_deg
 from scipy.spatial.transform import Rotation
 
-from estimator.errors import InputError
 from estimator.geometry.rotations import rotate_inverse
-from estimator.profile import Profile, load_profile
+from estimator.profile import load_profile
 from estimator.types import DOWN
 from fuzzbee.replays.log_report import replay_log
 from fuzzbee.replays.motion import motion_mask
@@ -38,7 +36,6 @@ RATE_EDGES_HZ = (2.2, 3.3, 5.0, 25.0)
 LEAST_COMPARED = 20  # samples
 # The share of samples in motion from which a log counts as one of a moving vehicle.
 LEAST_MOVING_SHARE = 0.1
-DATA = Path(__file__).parents[1] / "tests" / "data"
 
 
 def complementary(gyr: Array, up: Array, dt_s: Array, tau_s: float) -> Array:
@@ -151,16 +148,6 @@ def groups(logs: Sequence[Row]) -> list[Row]:
     return rows
 
 
-def measure(path: Path, profile: Profile) -> Row | None:
-    """One log replayed and scored; None where it holds nothing to compare."""
-    try:
-        trace = replay_log(path, profile)
-    except InputError as error:
-        print(error, file=sys.stderr)
-        return None
-    return score(path, trace)
-
-
 @benchmark(
     option("folders", nargs="*", type=Path, metavar="DIR|LOG"),
     option("--profile", default="imu", help="imu or a TOML file [default: imu]"),
@@ -169,7 +156,8 @@ def main(options: Namespace) -> Tables:
     if options.smoke:
         options.folders = options.folders or [DATA / "sub_bluerov.tlog", DATA / "px4_hover.ulg"]
     profile = load_profile(options.profile)
-    logs = [row for path in log_files(options.folders) if (row := measure(path, profile))]
+    traces = each_log(log_files(options.folders), lambda path: replay_log(path, profile))
+    logs = [row for path, trace in traces if (row := score(path, trace))]
     if not logs:
         raise SystemExit("give logs with a reference or folders of them, or --smoke")
     return {"logs, degrees": logs, "medians": groups(logs)}

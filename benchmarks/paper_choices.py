@@ -18,24 +18,14 @@ from argparse import Namespace
 from typing import Any
 
 import numpy as np
-from common.paper_filter import (
-    AS_BUILT,
-    NO_RATE,
-    RECTIFIED,
-    UNFILTERED,
-    Choices,
-    Signals,
-    errors_of,
-    matrices,
-    require_equal,
-    signals_of,
-)
+from common import paper_filter
+from common.paper_filter import AS_BUILT, Choices, Signals, errors_of, signals_of
 from common.paper_laws import TABLE, fixed, fuzzy, tune
 from common.recordings import Array
 from common.report import Row, Tables, benchmark, names, option
 
 from estimator.filter.alignment import quaternion_from_matrix
-from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, TRANSIENT_WEIGHT
+from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES
 from estimator.live.settings import settings_of
 from estimator.profile import Profile, load_profile, merge_profile
 from tests.paper_noise import PAPER_NOISE, NoiseScale
@@ -51,9 +41,9 @@ ROWS_AS_ERROR = np.ascontiguousarray(TABLE.T)
 # Changes that other memberships might make up for.
 RETUNED = {
     "as built": (AS_BUILT, TABLE),
-    "rate: low-passed |de/dt|": (Choices(rate=RECTIFIED), TABLE),
-    "rate: |de/dt| as it is": (Choices(rate=UNFILTERED), TABLE),
-    "rate: none (0)": (Choices(rate=NO_RATE), TABLE),
+    "rate: low-passed |de/dt|": (Choices(rate=paper_filter.RECTIFIED), TABLE),
+    "rate: |de/dt| as it is": (Choices(rate=paper_filter.UNFILTERED), TABLE),
+    "rate: none (0)": (Choices(rate=paper_filter.NO_RATE), TABLE),
     "e from the truth": (Choices(error_is_true=True), TABLE),
     "v3 not normalised": (Choices(cross_is_unit=False), TABLE),
     'table\'s "V" is VL': (AS_BUILT, V_AS_VERY_LARGE),
@@ -80,13 +70,6 @@ def signals(
     return signals_of(seeds, samples, noise or PAPER_NOISE, rate_hz)
 
 
-def cost(e: Array, rate_hz: float) -> Array:
-    """J of Eq. (15) of e (..., N); sums of steps other than 0.01 s are weighted by the step."""
-    s = round(rate_hz)
-    parts = TRANSIENT_WEIGHT * e[..., : s + 1].sum(-1) + e[..., 4 * s : 14 * s + 1].sum(-1)
-    return np.asarray(parts * 100.0 / rate_hz)
-
-
 def run(
     on: Signals,
     choices: Choices = AS_BUILT,
@@ -101,7 +84,7 @@ def run(
     own = np.array([profile.k]) if k is None else k
     law = fuzzy(own, rules) if gain is None else fixed(np.array([gain]))
     e = errors_of(settings_of(profile), on, law, choices, start, len(own))
-    costs = cost(e, on.rate_hz)
+    costs = paper_filter.cost(e, on.rate_hz)
     return costs if k is not None else costs[0]
 
 
@@ -125,7 +108,7 @@ def shipped_table(options: Namespace) -> list[Row]:
     runs["e not clipped"] = run(on, Choices(error_is_clipped=False))
     for name, change in PROFILES.items():
         runs[name] = run(on, profile=merge_profile(PAPER, change))
-    runs["R_hat(0) not projected"] = run(on, start=matrices(np.array(given)))
+    runs["R_hat(0) not projected"] = run(on, start=paper_filter.matrices(np.array(given)))
     runs["0.2 and 0.05 are variances"] = run(signals(options.judging, noise=variances))
     return [line(name, costs, runs["as built"]) for name, costs in runs.items()]
 
@@ -168,5 +151,5 @@ def main(options: Namespace) -> Tables:
     options.tuning, options.judging, options.cycles = TUNING_SEEDS, JUDGING_SEEDS, CYCLES
     if options.smoke:
         options.tuning, options.judging, options.cycles = TUNING_SEEDS[:1], JUDGING_SEEDS[:1], 1
-    require_equal(PAPER, fuzzy(np.array(PAPER.k)))
+    paper_filter.require_equal(PAPER, fuzzy(np.array(PAPER.k)))
     return {name: TABLES[name](options) for name in names(TABLES, options.tables)}

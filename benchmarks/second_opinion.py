@@ -9,7 +9,6 @@ ours, with its sigma as it was. "known" are the cases in which three sigma and t
 leave room for the difference to be seen.
 """
 
-import sys
 from argparse import Namespace
 from collections.abc import Iterable
 from itertools import product
@@ -18,19 +17,17 @@ from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-from common.report import Row, Tables, benchmark, log_files, option
+from common.report import DATA, Row, Tables, benchmark, each_log, log_files, option
 from common.scores import by
 
 from drivers.events import Event, ReferenceAttitude, VehicleId
 from drivers.logs.open import open_log
-from estimator.errors import InputError
 from estimator.geometry.quaternion import exp, multiply, scale
 from estimator.profile import load_profile
 from estimator.types import Quaternion, Vec3
 from fuzzbee.replays.trace import Replay
 from service.second_opinion import Look, SecondOpinion, Verdict, differences
 
-DATA = Path(__file__).parents[1] / "tests" / "data"
 BEGIN_SHARES, LASTS_S, CREEPS_S = (0.3, 0.6), 40.0, 20.0
 SIZES_DEG = (10.0, 20.0, 45.0)
 FAST_HZ = 9.0
@@ -172,12 +169,7 @@ def main(options: Namespace) -> Tables:
     sizes = SIZES_DEG[1:2] if options.smoke else SIZES_DEG
     found: list[tuple[Case, bool, Answer]] = []
     healthy: list[Row] = []
-    for path in paths[:3] if options.smoke else paths:
-        try:
-            recording, rate_hz = recorded(path)
-        except InputError as error:
-            print(error, file=sys.stderr)
-            continue
+    for path, (recording, rate_hz) in each_log(paths[:3] if options.smoke else paths, recorded):
         begin_us, end_us = recording.span_us
         if begin_us == end_us:
             continue

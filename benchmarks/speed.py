@@ -95,10 +95,10 @@ def measure(ways: Ways, rounds: int) -> list[Row]:
             begin = time.thread_time()
             run()
             best[key] = min(best[key], 1e6 * (time.thread_time() - begin) / count)
-    first: dict[str, float] = {}
     rows: list[Row] = []
     for (way, name), us in best.items():
-        figures = {"us a sample": us, "ratio": first.setdefault(way, us) / us}
+        first_us = next(each for (of, _), each in best.items() if of == way)
+        figures = {"us a sample": us, "ratio": first_us / us}
         rows.append({"way": way, "filter": name, **(figures if us < inf else LACKING)})
     return rows
 

@@ -114,9 +114,7 @@ def summary(rows: Sequence[Judged]) -> list[Row]:
 
 
 def _place(text: str) -> Place:
-    if text in PLACES:
-        return PLACES[text]
-    return Place(*map(float, text.split(",")))
+    return PLACES[text] if text in PLACES else Place(*map(float, text.split(",")))
 
 
 def shown(case: Case, v: Verdict) -> Row:

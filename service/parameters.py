@@ -109,7 +109,7 @@ class ProfileChanges:
             vehicle.publishing.retuned = Retuned(1 + (before.count if before else 0), retuned)
         self.report(Replaced(vehicle.address, profile, retuned))
         what = "new parameters" if retuned is None else f"retuned: {retuned}"
-        self.outputs += map(Message, vehicle.lines([what], vehicle.last_arrival_us))
+        self.outputs += map(Message, vehicle.lines(vehicle.last_arrival_us, what))
         return profile
 
     def fit(self, vehicle: Vehicle, event: BuiltIn) -> list[Output]:

@@ -257,14 +257,13 @@ class Pipeline:
         return vehicle
 
     def _forget_silent(self, now_us: int) -> list[Output]:
-        gone: list[Vehicle] = []
+        lines: list[str] = []
         for vehicle in self.vehicles:
             is_silent = abs(now_us - vehicle.last_arrival_us) > 2 * LOOK_US
             vehicle.silent_looks = vehicle.silent_looks + 1 if is_silent else 0
             if vehicle.silent_looks >= FORGOTTEN_LOOKS:
-                gone.append(vehicle)
+                lines.append(f"vehicle {vehicle.name}: gone, and forgotten")
                 self._forget(vehicle.address)
-        lines = [f"vehicle {each.name}: gone, and forgotten" for each in gone]
         return _messages(self._limit.lines(lines, now_us))
 
     def _forget(self, address: VehicleId) -> None:

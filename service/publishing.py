@@ -18,7 +18,7 @@ of messages that come as evenly as the vehicle has stamped them: an autopilot's 
 still under load is noticed at once.
 """
 
-from math import degrees, isfinite
+from math import degrees, isfinite, remainder
 
 from estimator.geometry.frames import euler_rad
 from estimator.types import Attitude, Quaternion, Vec3
@@ -123,11 +123,8 @@ class Publishing:
 
     def _slide(self, late_us: float) -> None:
         half_us = 0.5 * self._period_us
-        self._offset_us += SLIDE * max(-half_us, min(half_us, late_us))
-        if self._offset_us > half_us:
-            self._offset_us -= self._period_us
-        elif self._offset_us <= -half_us:
-            self._offset_us += self._period_us
+        moved_us = self._offset_us + SLIDE * max(-half_us, min(half_us, late_us))
+        self._offset_us = remainder(moved_us, self._period_us)
 
 
 MAX_DRIFT = 3e-3  # s/s; 136 ms a minute is 2.3e-3

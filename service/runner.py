@@ -141,15 +141,9 @@ class Runner:
         self.ticks += 1
         if line := self.overload.observe(self.source.shed + self.source.lost, now_s):
             self.outbox.put([Message(line)])
-        load = Load(
-            self.overload.is_on,
-            now_s - self.woken_s < WAKING_S,
-            self.overruns,
-            self.dropped,
-            self.source.lost,
-            self.recording(),
-        )
-        now_us = self.now_us()
+        is_waking, now_us = now_s - self.woken_s < WAKING_S, self.now_us()
+        counts = (self.overruns, self.dropped, self.source.lost)
+        load = Load(self.overload.is_on, is_waking, *counts, self.recording())
         outputs = self.pipeline.tick(now_us, load)
         if outputs:
             self.outbox.put(outputs)

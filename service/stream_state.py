@@ -13,6 +13,7 @@ estimator models the errors of each, and takes one message of each.
 
 from collections import Counter, deque
 from dataclasses import dataclass
+from statistics import median_high
 
 from drivers.events import Imu, Report, Shed
 from drivers.mavlink.messages import imu_rank
@@ -43,8 +44,7 @@ class ImuStream:
         self.last_arrival_us: int | None = None  # of any sample so far
         self._periods_us: deque[int] = deque(maxlen=PERIODS_KEPT)
         self.median_period_us = 0.0  # of the message in use by the vehicle's clock; 0 if unknown
-        self._shed = 0  # of the message in use
-        self._shed_before: Counter[str] = Counter()  # of each message, until one is in use
+        self._shed: Counter[str] = Counter()  # by message, of any until one is in use
         self._silent_since_us: int | None = None  # the last arrival before a reboot
         # of reports by type, and whether a receiver's: the message in use, and its last arrival
         self._reports: dict[tuple[type, bool], tuple[str, int]] = {}
@@ -57,7 +57,8 @@ class ImuStream:
     @property
     def shed(self) -> int:
         """Samples left out of the message in use; before there is one, the most of any."""
-        return self._shed + max(self._shed_before.values(), default=0)
+        counts = self._shed
+        return max(counts.values(), default=0) if self.message is None else counts.total()
 
     @property
     def median_rate_hz(self) -> float:
@@ -100,8 +101,7 @@ class ImuStream:
         self._periods_us.clear()
         self.median_period_us = 0.0
         if before is None:
-            self._shed += self._shed_before[event.message]
-            self._shed_before.clear()
+            self._shed = Counter({event.message: self._shed[event.message]})
         return True, before or ""
 
     def note_taken(self, event: Imu, sample: ImuSample) -> None:
@@ -117,17 +117,14 @@ class ImuStream:
             if event.message == last.message:
                 self._periods_us.append(period_us)
                 if len(self._periods_us) < PERIODS_KEPT or self.samples % MEDIAN_EVERY == 0:
-                    periods_us = sorted(self._periods_us)
-                    self.median_period_us = float(periods_us[len(periods_us) // 2])
+                    self.median_period_us = float(median_high(self._periods_us))
         self.last, self.last_sample = event, sample
         self.samples += 1
 
     def note_shed(self, event: Shed) -> None:
         """Count samples left out of the message in use, or of one that may become it."""
-        if self.choice.message is None:
-            self._shed_before[event.message] += event.samples
-        elif self.choice.message == event.message:
-            self._shed += event.samples
+        if self.message in (None, event.message):
+            self._shed[event.message] += event.samples
 
     def note_reboot(self) -> None:
         """The vehicle began anew, which may have mended what was contradicted before."""

@@ -115,22 +115,22 @@ class Vehicle:
                 self.imu.note_shed(event)
             case events.TrackLost() if event.message == self.imu.message:
                 self.restart()
-                text = f"{event.reason} for {event.blind_s:.1f} s, aligning anew"
-                return self.lines([text], event.arrival_us)
+                lasted = f"{event.reason} for {event.blind_s:.1f} s"
+                return self.lines(event.arrival_us, f"{lasted}, aligning anew")
             case events.ClockReset():
                 return self._on_clock_reset(event)
         return []
 
     def _on_clock_reset(self, event: events.ClockReset) -> list[str]:
         """The vehicle's clock began anew: what was known about its time and attitude is void."""
+        now_us, step = event.arrival_us, f"by {event.step_s:+.1f} s"
         if event.goes_on:
-            return self.lines([f"clock jump by {event.step_s:+.1f} s, cut out"], event.arrival_us)
+            return self.lines(now_us, f"clock jump {step}, cut out")
         self.restart()
         self.publishing.clock = HostClock()
         if event.reason == "reboot":
             self.imu.note_reboot()
-        text = f"clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
-        return self.lines([text], event.arrival_us)
+        return self.lines(now_us, f"clock {event.reason} {step}, aligning anew")
 
     def on_report(self, event: events.Report) -> None:
         """Feed the estimator with what something beside the IMU has measured.
@@ -175,7 +175,7 @@ class Vehicle:
         faults = self.comparison.autopilots_fault(event.arrival_us), against_ours
         both, place = (theirs, ours), self.estimator.place_field
         look = Look(event.time_us, event.message, *both, sample, place, faults)
-        return self.lines(self.comparison.compare(look), event.arrival_us)
+        return self.lines(event.arrival_us, *self.comparison.compare(look))
 
     def on_time(self, now_us: int) -> list[str]:
         """Change the state of health if the IMU has been silent for long."""
@@ -258,14 +258,13 @@ class Vehicle:
         if not is_finite(attitude):  # no sample would repair it
             self.rejected[Reason.ESTIMATE_NOT_FINITE] += 1
             self.restart()
-            text = "the estimate is not finite, aligning anew"
-            return self.lines([text], event.arrival_us)
+            return self.lines(event.arrival_us, "the estimate is not finite, aligning anew")
         if not self.estimator.aligned or not self.alarms.is_due(sample.time_us):
             return []
         lines = self.alarms.look(sample, event.arrival_us, attitude, self.estimator)
         if any(self.estimator.contradicted_axes):  # each second with this IMU does harm
             self.imu.choice.contradicted.add(event.message)
-        return self.lines(lines, event.arrival_us)
+        return self.lines(event.arrival_us, *lines)
 
     def _change_message(self, before: str, now: str) -> list[str]:
         if not before:
@@ -276,10 +275,9 @@ class Vehicle:
 
     def _become(self, state: State, now_us: int) -> list[str]:
         self.imu.state = state
-        if state is State.ALIGNING:
-            return []  # alignment takes a sample or two: only its end is news
-        return self.lines([str(state)], now_us)
+        # alignment takes a sample or two: only its end is news
+        return [] if state is State.ALIGNING else self.lines(now_us, str(state))
 
-    def lines(self, texts: list[str], now_us: int) -> list[str]:
+    def lines(self, now_us: int, *texts: str) -> list[str]:
         """Lines about this vehicle, fewer of them where there are too many."""
         return self._limit.lines([f"vehicle {self.name}: {text}" for text in texts], now_us)

@@ -221,12 +221,8 @@ GAINS: dict[str, Filter] = {
         "knows the noise": {"gain": "noise"},
     }.items()
 }
+SETS = {"peers": PEERS, "acausal": ACAUSAL, "gains": GAINS}  # each beside fuzzbee
 KNOWN: dict[str, Filter] = {"fuzzbee": fuzzbee({}), **PEERS, **ACAUSAL, **GAINS}
-SETS = {
-    "peers": ("fuzzbee", *PEERS),
-    "acausal": ("fuzzbee", *ACAUSAL),
-    "gains": ("fuzzbee", *GAINS),
-}
 
 
 def run_whole(filter_: Filter, trial: Trial) -> Output:
@@ -237,7 +233,7 @@ def run_whole(filter_: Filter, trial: Trial) -> Output:
 def chosen_filters(text: str) -> Iterator[tuple[str, Filter | None]]:
     """The filters of names, or of a set's name, with commas; None for one that is not installed."""
     for name in names([*KNOWN, *SETS], text):
-        for each in SETS.get(name, (name,)):
+        for each in ("fuzzbee", *SETS[name]) if name in SETS else (name,):
             yield each, KNOWN[each] if is_installed(each) else None
 
 

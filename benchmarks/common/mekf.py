@@ -55,11 +55,8 @@ def mekf_errors(settings: Settings, on: Signals, candidates: Array) -> Array:
 
 
 def cross_matrix(u: Array) -> Array:
-    """[u]x of vectors (..., 3)."""
-    made = np.zeros((*u.shape, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        made[..., i, j], made[..., j, i] = -u[..., k], u[..., k]
-    return made
+    """[u]x of vectors (..., 3): its rows are e_i x u."""
+    return np.cross(np.eye(3), u[..., None, :])
 
 
 def predicted(P: Array, turn: Array, dt: float, noise: Array) -> Array:

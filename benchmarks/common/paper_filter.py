@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.filter import kernel
 from estimator.filter.types import initial_state
+from estimator.geometry.metrics import COST_RATE_HZ, TRANSIENT_WEIGHT
 from estimator.geometry.rotations import unit
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
@@ -171,6 +172,13 @@ def gains_of_step(
         return g, np.full_like(g, 0.5 * params.gamma * dt)
     most = 1.0 / (fastest * dt) if dt > 0.0 else np.inf
     return g, np.minimum(0.5 * params.gamma * g / K, most)
+
+
+def cost(e: Array, rate_hz: float = COST_RATE_HZ) -> Array:
+    """J of Eq. (15) of e (..., N); sums of steps other than 0.01 s are weighted by the step."""
+    s = round(rate_hz)
+    parts = TRANSIENT_WEIGHT * e[..., : s + 1].sum(-1) + e[..., 4 * s : 14 * s + 1].sum(-1)
+    return np.asarray(parts * COST_RATE_HZ / rate_hz)
 
 
 def kernel_errors(settings: Settings, on: Signals) -> Array:

@@ -7,7 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from scipy.io import loadmat
-from scipy.spatial.transform import Rotation
+
+from estimator.geometry.rotations import exp, rotate_inverse, running_product
+from estimator.types import IDENTITY
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -102,14 +104,8 @@ def made_up() -> Trial:
     waves = np.sin(turns).sum(axis=1).T
     near = np.clip((t - REST_S) / 2.0, 0.0, 1.0)[:, None]
     rate, pushed = near * waves, near * waves[:, ::-1]
-    steps = Rotation.from_rotvec(rate * dt_s)
-    attitude, attitudes = Rotation.identity(), []
-    for k in range(n):
-        attitudes.append(attitude.as_quat())
-        attitude = attitude * steps[k]
-    q = Rotation.from_quat(np.array(attitudes))
+    truth = running_product(np.vstack([[IDENTITY], exp(rate[:-1] * dt_s)]))
     gyr = rate + 0.005 + rng.normal(0.0, 0.005, (n, 3))
-    acc = q.inv().apply(pushed + np.array([0.0, 0.0, 9.81])) + rng.normal(0.0, 0.03, (n, 3))
-    mag = q.inv().apply((0.0, 20.0, -42.0)) + rng.normal(0.0, 0.3, (n, 3))
-    truth = np.roll(q.as_quat(), 1, axis=1)
+    acc = rotate_inverse(truth, np.add(pushed, (0.0, 0.0, 9.81))) + rng.normal(0.0, 0.03, (n, 3))
+    mag = rotate_inverse(truth, (0.0, 20.0, -42.0)) + rng.normal(0.0, 0.3, (n, 3))
     return Trial("made up", MADE_UP_HZ, gyr, acc, mag, truth, moving, moving)

@@ -4,16 +4,19 @@ import argparse
 import json
 import sys
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from drivers.logs.open import SUFFIXES
+from estimator.errors import InputError
 
+T = TypeVar("T")
 Row = dict[str, Any]
 Tables = Mapping[str, Sequence[Row]]
 Option = tuple[tuple[str, ...], dict[str, Any]]
 MISSING = "not installed"
+DATA = Path(__file__).parents[2] / "tests" / "data"
 JSON = (("--json",), {"action": "store_true", "help": "one JSON object on standard output"})
 SMOKE = (("--smoke",), {"action": "store_true", "help": "a few seconds, to see that it runs"})
 
@@ -92,6 +95,15 @@ def log_files(given: Iterable[Path]) -> list[Path]:
     return [path for paths in folders for path in paths if path.suffix in SUFFIXES]
 
 
+def each_log(paths: Iterable[Path], read: Callable[[Path], T]) -> Iterator[tuple[Path, T]]:
+    """Every log and what ``read`` makes of it; a line for one that cannot be read."""
+    for path in paths:
+        try:
+            yield path, read(path)
+        except InputError as error:
+            print(error, file=sys.stderr)
+
+
 def show(tables: Tables, *, as_json: bool) -> None:
     """Print tables by their titles, for people or as one JSON object."""
     if as_json:
@@ -141,13 +153,8 @@ def draw(path: Path, points: Iterable[Point], label: str, *, is_log: bool = Fals
         for i, name in enumerate(series):
             marks = [p for p in points if (p.panel, p.series) == (panel, name)]
             height = 0.5 * (i - 0.5 * (len(series) - 1)) / len(series)
-            ax.plot(
-                [p.value for p in marks],
-                [lines.index(p.line) + height for p in marks],
-                "o",
-                markersize=4.5,
-                label=name,
-            )
+            heights = [lines.index(p.line) + height for p in marks]
+            ax.plot([p.value for p in marks], heights, "o", markersize=4.5, label=name)
         ax.set(title=panel, xlabel=label, xscale="log" if is_log else "linear")
         ax.grid(visible=True, axis="x", which="both", alpha=0.25)
     axes[0].set_yticks(range(len(lines)), lines)

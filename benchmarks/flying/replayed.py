@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from common.recordings import Array, Bools
-from common.report import Row
+from common.report import DATA, Row
 from common.scores import rms
 from msgspec.structs import replace
 
@@ -19,7 +19,7 @@ from fuzzbee.replays.score import compare
 from fuzzbee.replays.trace import Replay, VehicleTrace
 
 Events = list[Event]
-SHORT_LOG = Path(__file__).parents[2] / "tests" / "data" / "sitl_copter_flips.tlog"
+SHORT_LOG = DATA / "sitl_copter_flips.tlog"
 UNAIDED = {"aiding": {"enabled": False}}
 STRETCH_S = 20.0
 

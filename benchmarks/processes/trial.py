@@ -93,33 +93,31 @@ def end(service: Process) -> dict[str, Any]:
 
 def start(script: str, *arguments: str) -> Process:
     """A process of the benchmark that is ready."""
-    command = [sys.executable, str(HERE / script), *arguments]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    process = subprocess.Popen(command, text=True, **pipes)  # noqa: S603
-    await_word(process.stdout, "ready")
-    return process
+    return _begun([str(HERE / script), *arguments], "ready", stdin=subprocess.PIPE)
 
 
 def fuzzbee(port: int, endpoint: str, publish_hz: float, *options: str) -> Process:
     """``fuzzbee run`` on that UDP port, connected to nobody but at ``endpoint``."""
     # the address is both: nobody else's session is looked for
     zenoh_options = ["-l", endpoint, "-e", endpoint]
-    command = [sys.executable, "-m", "fuzzbee", "run", f"udpin:127.0.0.1:{port}", "--json"]
-    return _listening([*command, "--rate", str(publish_hz), *zenoh_options, *options])
+    command = ["-m", "fuzzbee", "run", f"udpin:127.0.0.1:{port}", "--json"]
+    command += ["--rate", str(publish_hz), *zenoh_options, *options]
+    return _begun(command, "listening", stderr=subprocess.PIPE)
 
 
 def plain(port: int, endpoint: str, publish_hz: float) -> Process:
     """The plain script in the service's place."""
-    arguments = (str(port), endpoint, str(publish_hz))
-    return _listening([sys.executable, str(HERE / "plain.py"), *arguments])
+    command = [str(HERE / "plain.py"), str(port), endpoint, str(publish_hz)]
+    return _begun(command, "listening", stderr=subprocess.PIPE)
 
 
-def _listening(command: list[str]) -> Process:
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    environment = {**os.environ, "COLUMNS": "500"}
-    service = subprocess.Popen(command, text=True, env=environment, **pipes)  # noqa: S603
-    await_word(service.stderr, "listening")
-    return service
+def _begun(arguments: list[str], word: str, **pipes: int) -> Process:
+    """A Python process, once it has said that word on its standard error, or else output."""
+    pipes |= {"stdout": subprocess.PIPE}
+    environment, command = {**os.environ, "COLUMNS": "500"}, [sys.executable, *arguments]
+    process = subprocess.Popen(command, text=True, env=environment, **pipes)  # noqa: S603
+    await_word(process.stderr or process.stdout, word)
+    return process
 
 
 def await_word(stream: IO[str] | None, word: str) -> None:

@@ -4,27 +4,17 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from drivers.events import (
-    ClockReset,
-    Event,
-    Heartbeat,
-    Imu,
-    ModeChange,
-    Position,
-    ReferenceAttitude,
-    Rejected,
-    Report,
-    Shed,
-    TrackLost,
-    VehicleEvent,
-    VehicleId,
-)
+from drivers import events
+from drivers.events import Event, Heartbeat, ModeChange, VehicleEvent, VehicleId
 
 # Seconds since the vehicle's first IMU sample, or when it was armed or disarmed.
 Moment = float | Literal["arm", "disarm"]
 # What is left out before and after the window. Parameters, heartbeats and the like describe the
 # vehicle at any time.
-MEASURED = (Imu, ReferenceAttitude, Report, Position, ClockReset, TrackLost, Rejected, Shed)
+MEASURED = (
+    *(events.Imu, events.ReferenceAttitude, events.Report, events.Position),
+    *(events.ClockReset, events.TrackLost, events.Rejected, events.Shed),
+)
 
 
 class TimeWindow(NamedTuple):
@@ -66,7 +56,7 @@ class WindowedEvents:
             progress = self._vehicles.setdefault(event.vehicle, _Progress())
             if isinstance(event, Heartbeat | ModeChange) and event.is_armed is not None:
                 self._arm(progress, event.is_armed)
-            elif isinstance(event, Imu):
+            elif isinstance(event, events.Imu):
                 self._advance(progress, event.sample.time_us)
             if progress.phase == "open" or not isinstance(event, MEASURED):
                 yield event

@@ -35,8 +35,9 @@ _logger = logging.getLogger(__name__)
 class Connection:
     """A transport that is opened again after each failure.
 
-    ``breaks`` counts the failures; ``is_open`` is whether bytes may come, ``was_up`` whether any
-    could ever. ``on_break`` is called whenever the connection breaks: half-read frames and peers
+    ``breaks`` counts the failures, ``lost`` the datagrams that the system has thrown away, as of
+    the last look for them; ``is_open`` is whether bytes may come, ``was_up`` whether any could
+    ever. ``on_break`` is called whenever the connection breaks: half-read frames and peers
     are void then. ``report`` gets a line for each new kind of failure.
 
     Raises:
@@ -51,7 +52,7 @@ class Connection:
     ) -> None:
         self.endpoint = endpoint
         self.is_open = self.was_up = False
-        self.breaks = 0
+        self.breaks = self.lost = 0
         if endpoint.kind not in TRANSPORTS:
             raise InputError(f"{endpoint} is no MAVLink link: use udpin, udpout, tcp or tcpin")
         self._transport = TRANSPORTS[endpoint.kind](endpoint)
@@ -59,15 +60,11 @@ class Connection:
         self._events: list[Event] = []
         self._diagnostics = LinkDiagnostics(endpoint)
         self._loss_look_s = 0.0  # when to look for losses next
+        self._lost_before = 0  # by transports that are closed
         self._opening: Future[None] | None = None
         self._is_up: bool | None = None  # None: no event has been given yet
         self._has_data = False
         self._retry_s, self._retry_due_s = FIRST_RETRY_S, 0.0
-
-    @property
-    def lost(self) -> int:
-        """Datagrams that the system has thrown away, as of the last look for them."""
-        return self._diagnostics.lost
 
     @property
     def address(self) -> str:
@@ -178,6 +175,7 @@ class Connection:
         reason, now_s = getattr(error, "strerror", None) or str(error), time.monotonic()
         self.breaks += 1
         self._count_lost(now_s)
+        self._lost_before = self.lost
         self._retry_due_s = now_s + self._retry_s
         self._transport.close()
         self._on_break()
@@ -198,7 +196,8 @@ class Connection:
     def _count_lost(self, now_s: float) -> None:
         self._loss_look_s = now_s + LOSS_LOOK_S
         if self.is_open:
-            self._notify(self._diagnostics.losses(self._transport.lost, now_s))
+            self.lost = self._lost_before + self._transport.lost
+            self._notify(self._diagnostics.losses(self.lost, now_s))
 
 
 SILENT_S = 5.0  # after the link was opened, without a byte
@@ -220,24 +219,18 @@ class LinkDiagnostics:
     """What a person should know about one link; each method returns a line for them, or None."""
 
     def __init__(self, endpoint: Endpoint) -> None:
-        self.lost = 0  # datagrams
         self._endpoint = endpoint
-        self._silent_since_s: float | None = None
+        self._silent_since_s = inf
         self._is_silence_reported = False
         self._unread_bytes = 0  # since the last readable frame
-        self._unread_since_s = 0.0
+        self._unread_since_s = inf
         self._is_noise_reported = False
-        self._lost_before = 0  # by transports that are closed
         self._lost_reported, self._loss_due_s = 0, 0.0
         self._failure, self._failures, self._failure_due_s = "", 0, 0.0
 
     def silence(self, now_s: float, *, is_silent: bool) -> str | None:
         """Whether the link has been open for long without a byte; reported once."""
-        if not is_silent:
-            self._silent_since_s = None
-            return None
-        if self._silent_since_s is None:
-            self._silent_since_s = now_s
+        self._silent_since_s = min(self._silent_since_s, now_s) if is_silent else inf
         if self._is_silence_reported or now_s - self._silent_since_s < SILENT_S:
             return None
         self._is_silence_reported = True
@@ -246,13 +239,12 @@ class LinkDiagnostics:
 
     def bytes_read(self, size: int, frames: int, now_s: float) -> str | None:
         """After ``size`` bytes that held so many frames; reported once until one can be read."""
-        self._silent_since_s = None
+        self._silent_since_s = inf
         if frames:
-            self._unread_bytes, self._is_noise_reported = 0, False
+            self._unread_bytes, self._unread_since_s, self._is_noise_reported = 0, inf, False
             return None
-        if self._unread_bytes == 0:
-            self._unread_since_s = now_s
         self._unread_bytes += size
+        self._unread_since_s = min(self._unread_since_s, now_s)
         is_long = now_s - self._unread_since_s >= UNREADABLE_S
         if self._is_noise_reported or not is_long or self._unread_bytes < UNREADABLE_BYTES:
             return None
@@ -261,13 +253,12 @@ class LinkDiagnostics:
         count = f"{self._unread_bytes} bytes and not one MAVLink frame"
         return f"{self._endpoint}: {count}: {why}"
 
-    def losses(self, of_transport: int, now_s: float) -> str | None:
-        """After so many datagrams were lost by this transport; reported once a minute at most."""
-        self.lost = self._lost_before + of_transport
-        count = self.lost - self._lost_reported
+    def losses(self, lost: int, now_s: float) -> str | None:
+        """After so many datagrams were lost in all; reported once a minute at most."""
+        count = lost - self._lost_reported
         if not count or now_s < self._loss_due_s:
             return None
-        self._lost_reported, self._loss_due_s = self.lost, now_s + REPEAT_S
+        self._lost_reported, self._loss_due_s = lost, now_s + REPEAT_S
         return (
             f"{self._endpoint}: {count} datagrams were lost, the system had no room for them; "
             f"sysctl net.core.rmem_max={SOCKET_BUFFER_BYTES} gives it more"
@@ -275,7 +266,6 @@ class LinkDiagnostics:
 
     def failure(self, reason: str, now_s: float) -> str | None:
         """After the transport failed; reported at once, and once a minute while it goes on."""
-        self._lost_before = self.lost
         if reason != self._failure:
             self._failure, self._failures, self._failure_due_s = reason, 0, now_s
         self._failures += 1

@@ -13,17 +13,10 @@ from typing import Any
 from drivers import events
 from drivers.events import Event, VehicleId
 from drivers.mavlink import constants as mav
+from drivers.mavlink import messages
 from drivers.mavlink.ardupilot import ParameterValue, owner
 from drivers.mavlink.framing import Frame, fields
-from drivers.mavlink.messages import (
-    IMU_MESSAGES,
-    MESSAGES,
-    ImuMessage,
-    MessageKind,
-    Received,
-    imu_number,
-    imu_stream_name,
-)
+from drivers.mavlink.messages import ImuMessage, MessageKind, Received
 from drivers.resources import SLOTS
 from drivers.samples.imu_stream import Field, Stamp
 from drivers.samples.intake import MOST_STREAMS, Intake
@@ -110,10 +103,10 @@ class MavlinkDecoder:
         if texts:
             self._handlers[mav.STATUSTEXT_ID] = partial(self._unpacked, self._status_text)
         better: list[str] = []  # IMU messages, in the order of preference
-        for number, imu in IMU_MESSAGES.items():
+        for number, imu in messages.IMU_MESSAGES.items():
             self._handlers[number] = partial(self._imu, imu, tuple(better))
             better.append(imu.name)
-        for number, kind in MESSAGES.items():
+        for number, kind in messages.MESSAGES.items():
             if references or not kind.is_reference:
                 self._handlers[number] = partial(self._message, kind)
         self.wanted = frozenset(self._handlers)
@@ -162,7 +155,7 @@ class MavlinkDecoder:
         if (m := fields(frame)) is None:
             return []
         raw_us = m.time_usec if clock is _TIME_USEC else m.time_boot_ms * 1000
-        stream = imu_stream_name(name, imu_number(frame))
+        stream = messages.imu_stream_name(name, messages.imu_number(frame))
         gyr, acc, mag = vectors(m)
         return sender.intake.imu(stream, Stamp(clock, raw_us, arrival_us), gyr, acc, Field(mag))
 
@@ -189,11 +182,11 @@ class MavlinkDecoder:
         """Give a new sender a slot, if there is one; too many are no link of real ones."""
         gone: list[Event] = []
         if len(self._senders) >= MOST_SENDERS:
-            left = self._make_room(arrival_us, brings_imu=frame.message_id in IMU_MESSAGES)
+            left = self._make_room(arrival_us, brings_imu=frame.message_id in messages.IMU_MESSAGES)
             if left is None:  # its samples count
                 address = VehicleId(frame.system_id, frame.component_id)
                 refused = events.RefusedFrames(address, arrival_us, Reason.NO_PLACE, 1)
-                return [refused] if frame.message_id in IMU_MESSAGES else []
+                return [refused] if frame.message_id in messages.IMU_MESSAGES else []
             gone = [events.Forgotten(left, arrival_us)]
         address = VehicleId(frame.system_id, frame.component_id)
         self._senders[address] = _Sender(address, takes_references=self._references)
@@ -252,7 +245,7 @@ class MavlinkDecoder:
 
 def _other_imu(message: ImuMessage, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
     """What an IMU that is not in use reads, twice a second; otherwise nothing is unpacked."""
-    name = imu_stream_name(message.name, imu_number(frame))
+    name = messages.imu_stream_name(message.name, messages.imu_number(frame))
     last_us = sender.other_us.get(name)
     if last_us is not None and 0 <= arrival_us - last_us < OTHER_IMU_US:
         return []

@@ -15,28 +15,13 @@ import numpy as np
 
 from drivers.events import VehicleId
 from drivers.mavlink import constants as mav
+from drivers.mavlink import encoder
 from drivers.mavlink.ardupilot import COMPASS_DECLINATION, COMPASS_OFFSETS, ORIENTATION, TRIM
 from drivers.mavlink.decoder import BUILT_IN
-from drivers.mavlink.encoder import (
-    FrameEncoder,
-    Message,
-    attitude,
-    attitude_quaternion,
-    autopilot_version,
-    command_ack,
-    global_position,
-    heartbeat,
-    param_value,
-    raw_imu,
-    sim_state,
-)
+from drivers.mavlink.encoder import FrameEncoder, Message, heartbeat
+from drivers.simulation import simulated_vehicle
 from drivers.simulation.flight import geodetic
-from drivers.simulation.simulated_vehicle import (
-    FLIGHT_VELOCITY_NOISE_M_S,
-    Motion,
-    Sample,
-    SimulatedVehicle,
-)
+from drivers.simulation.simulated_vehicle import Motion, Sample, SimulatedVehicle
 from estimator.errors import InputError
 from estimator.geometry.frames import euler_rad
 from estimator.types import ZERO_VEC3, Quaternion, Vec3
@@ -186,21 +171,21 @@ class SimulatedAutopilot:
     def _message(self, number: float, s: Sample) -> Message:
         match number:
             case mav.AUTOPILOT_VERSION_ID:
-                return autopilot_version(BUILT_IN, self._vehicle.motion)
+                return encoder.autopilot_version(BUILT_IN, self._vehicle.motion)
             case mav.RAW_IMU_ID:
-                return raw_imu(s.time_us, s.acc_m_s2, s.gyr_rad_s, s.mag_gauss)
+                return encoder.raw_imu(s.time_us, s.acc_m_s2, s.gyr_rad_s, s.mag_gauss)
             case mav.SIM_STATE_ID:
                 q, motion = s.q_ned_frd, (s.true_force_m_s2, s.true_rate_rad_s)
                 place = geodetic(s.position_ned_m) if self._vehicle.knows_place else ZERO_VEC3
-                return sim_state(q, _euler(q), *motion, place, s.velocity_ned_m_s)
+                return encoder.sim_state(q, _euler(q), *motion, place, s.velocity_ned_m_s)
             case mav.ATTITUDE_ID:
-                return attitude(s.time_us, _euler(s.q_ned_frd), s.true_rate_rad_s)
+                return encoder.attitude(s.time_us, _euler(s.q_ned_frd), s.true_rate_rad_s)
             case mav.ATTITUDE_QUATERNION_ID:
-                return attitude_quaternion(s.time_us, s.q_ned_frd, s.true_rate_rad_s)
+                return encoder.attitude_quaternion(s.time_us, s.q_ned_frd, s.true_rate_rad_s)
             case _:
                 velocity = velocity_reported(s, self._options.noise, self._receiver)
                 place, height_m = geodetic(s.position_ned_m), -s.position_ned_m[2]
-                return global_position(s.time_us, place, height_m, velocity)
+                return encoder.global_position(s.time_us, place, height_m, velocity)
 
     def _frames(self, messages: list[Message], unix_us: int) -> bytes:
         frames, drop = [self._encoder.frame(each, unix_us) for each in messages], self._options.drop
@@ -213,7 +198,7 @@ class SimulatedAutopilot:
         if message.command == mav.MAV_CMD_SET_MESSAGE_INTERVAL:
             result = self._set_interval(message.param1, message.param2)
         sender = VehicleId(message.get_srcSystem(), message.get_srcComponent())
-        return [command_ack(sender, message.command, result)]
+        return [encoder.command_ack(sender, message.command, result)]
 
     def _set_interval(self, message_id: float, interval_us: float) -> int:
         """MAVLink's rule: -1 turns a message off, 0 restores its default.
@@ -236,7 +221,7 @@ class SimulatedAutopilot:
 
 def _parameters() -> list[Message]:
     numbered = enumerate(PARAMETERS)
-    return [param_value(*parameter, len(PARAMETERS), k) for k, parameter in numbered]
+    return [encoder.param_value(*parameter, len(PARAMETERS), k) for k, parameter in numbered]
 
 
 def _parameter_read(message: Any) -> list[Message]:
@@ -254,6 +239,7 @@ def _euler(q: Quaternion) -> Vec3:
 
 def velocity_reported(sample: Sample, noise: float, generator: np.random.Generator) -> Vec3:
     """The velocity (m/s, NED) as a vehicle that flies shows it."""
-    errors = noise * FLIGHT_VELOCITY_NOISE_M_S * generator.standard_normal(3)
+    sigma_m_s = noise * simulated_vehicle.FLIGHT_VELOCITY_NOISE_M_S
+    errors = sigma_m_s * generator.standard_normal(3)
     north, east, down = (sample.velocity_ned_m_s + errors).tolist()
     return (north, east, down)

@@ -11,13 +11,8 @@ from drivers.mavlink import constants as mav
 from drivers.player import Player
 from drivers.resources import Closing
 from drivers.samples.navigation import Fix, velocity_sample
-from drivers.simulation.autopilot import (
-    HEARTBEAT_US,
-    PARAMETERS,
-    SLOW_US,
-    Schedule,
-    velocity_reported,
-)
+from drivers.simulation import autopilot
+from drivers.simulation.autopilot import PARAMETERS, Schedule, velocity_reported
 from drivers.simulation.flight import geodetic
 from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
 from estimator.types import ImuSample
@@ -38,7 +33,7 @@ class SimSource(Player, Closing):
     ) -> None:
         self._vehicle = vehicle
         self._id = VehicleId(1, mav.MAV_COMP_ID_AUTOPILOT1)
-        self._heartbeat, self._place = Schedule(HEARTBEAT_US), Schedule(SLOW_US)
+        self._heartbeat, self._place = Schedule(autopilot.HEARTBEAT_US), Schedule(autopilot.SLOW_US)
         self._receiver = np.random.default_rng([0, 1, 1])
         self._start_unix_us = unix_us()
         super().__init__(self._flown(), 1.0, lambda: 1e-6 * monotonic_us())

@@ -16,16 +16,8 @@ from drivers.mavlink.connection import Connection
 from drivers.mavlink.encoder import FrameEncoder, Message
 from drivers.mavlink.recorder import Recorder
 from estimator.geometry.frames import euler_rad
-from service.records import (
-    AttitudeRecord,
-    Autopilot,
-    Evicted,
-    Output,
-    Published,
-    Replaced,
-    StatusRecord,
-    vehicle_name,
-)
+from service import records
+from service.records import AttitudeRecord, Output, Published, StatusRecord
 from service.second_opinion import Verdict
 
 ATTITUDE_US = 20_000  # between two of a vehicle: 2.6 kB/s, which a 57600 baud radio can take
@@ -90,7 +82,7 @@ class MavlinkSink:
         self._connection.close()
 
     def _frames(self, output: Output) -> list[bytes]:
-        if isinstance(output, Evicted):
+        if isinstance(output, records.Evicted):
             sender = self._senders.get(output.vehicle.system_id)
             if sender is not None and sender.vehicle == output.vehicle:
                 del self._senders[output.vehicle.system_id]  # another component may be sent
@@ -111,7 +103,7 @@ class MavlinkSink:
     ) -> list[bytes]:
         """Of the vehicle that appears as another one; never under an address that there is."""
         if vehicle.system_id == other.system_id:
-            name = vehicle_name(vehicle)
+            name = records.vehicle_name(vehicle)
             raise ConnectionError(f"vehicle {name} is there already, not shown as another")
         self._shown = self._shown or vehicle
         if vehicle != self._shown:
@@ -177,7 +169,7 @@ class Sender:
         return True
 
 
-def announced(opinion: Autopilot) -> str:
+def announced(opinion: records.Autopilot) -> str:
     """A text whose first 50 letters, which any ground station shows, matter most."""
     what = opinion.in_short.replace("°", " deg")
     who = {"autopilot": "the autopilot's", "ours": "ours"}.get(opinion.wrong)
@@ -203,7 +195,7 @@ class RecordingSink:
     def handle(self, outputs: Sequence[Output]) -> None:
         """Keep the changes among the outputs."""
         for output in outputs:
-            if not isinstance(output, Replaced) or output.retuned is None:
+            if not isinstance(output, records.Replaced) or output.retuned is None:
                 continue
             system_id, now_us = output.vehicle.system_id, self._unix_us()
             sender = VehicleId(system_id, mav.MAV_COMP_ID_ONBOARD_COMPUTER)

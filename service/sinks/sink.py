@@ -4,8 +4,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, Self
+from typing import Any, Protocol
 
+from drivers.resources import Closing
 from service.records import Message, Output
 
 
@@ -114,8 +115,8 @@ class Outlet:
 CLOSE_TIMEOUT_S = 0.7  # for all sinks together: the command ends within a second
 
 
-class Outbox:
-    """The sinks of a run, each behind its own outlet. A context manager that closes them."""
+class Outbox(Closing):
+    """The sinks of a run, each behind its own outlet."""
 
     def __init__(self, sinks: Sequence[Sink]) -> None:
         self._outlets = tuple(Outlet(sink) for sink in sinks)
@@ -146,9 +147,3 @@ class Outbox:
             if outlet.thread.is_alive():
                 self.stuck.append(outlet.sink.name)
         self.unreported += [each.take_error() for each in self._outlets if each.error]
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -15,16 +15,9 @@ import msgspec
 from drivers.events import VehicleId
 from estimator.errors import InputError
 from estimator.profile import Profile, profile_to_json
+from service import records
 from service.parameters import ParameterRequests
-from service.records import (
-    AttitudeRecord,
-    Evicted,
-    Output,
-    Published,
-    Replaced,
-    StatusRecord,
-    vehicle_name,
-)
+from service.records import AttitudeRecord, Output, Published, vehicle_name
 from service.zenoh_session import Topic, close_session
 
 if TYPE_CHECKING:
@@ -70,7 +63,7 @@ class ZenohSink:
             match outputs[0]:
                 case Published(vehicle=vehicle, record=record):
                     self._topics[vehicle, type(record)] = self._new_topic(vehicle, type(record))
-                case Evicted(vehicle=vehicle):
+                case records.Evicted(vehicle=vehicle):
                     self._disappear(vehicle)
                     outputs = outputs[1:]
 
@@ -86,9 +79,9 @@ class ZenohSink:
                 if topic is None:
                     return outputs[k:]
                 topic.put(self._encode(record))
-            elif isinstance(output, Replaced):
+            elif isinstance(output, records.Replaced):
                 self._profiles[output.vehicle] = output.profile
-            elif isinstance(output, Evicted):
+            elif isinstance(output, records.Evicted):
                 return outputs[k:]
         return ()
 
@@ -112,7 +105,7 @@ class ZenohSink:
 
     def _disappear(self, vehicle: VehicleId) -> None:
         """Withdraw everything of a vehicle."""
-        for record in (AttitudeRecord, StatusRecord):
+        for record in (AttitudeRecord, records.StatusRecord):
             if (topic := self._topics.pop((vehicle, record), None)) is not None:
                 topic.withdraw()
         self._profiles.pop(vehicle, None)

@@ -12,15 +12,8 @@ from collections import Counter
 from math import inf
 
 from drivers.endpoint import Endpoint
-from drivers.mavlink.transports.transport import (
-    RECEIVE_BYTES,
-    Packet,
-    Transport,
-    listening_socket,
-    new_socket,
-    resolve,
-    unix_us,
-)
+from drivers.mavlink.transports import transport
+from drivers.mavlink.transports.transport import Packet, Transport, unix_us
 
 _logger = logging.getLogger(__name__)
 
@@ -49,8 +42,8 @@ class TcpClient(Transport):
         return self._stream is not None
 
     def open(self) -> None:
-        family, target = resolve(self._endpoint, socket.SOCK_STREAM)
-        self._socket = new_socket(family, socket.SOCK_STREAM)
+        family, target = transport.resolve(self._endpoint, socket.SOCK_STREAM)
+        self._socket = transport.new_socket(family, socket.SOCK_STREAM)
         self._deadline_s = time.monotonic() + CONNECT_TIMEOUT_S
         status = self._socket.connect_ex(target)
         if status not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
@@ -98,7 +91,7 @@ class TcpServer(Transport):
         return bool(self._clients)
 
     def open(self) -> None:
-        self._socket = listening_socket(self._endpoint, socket.SOCK_STREAM)
+        self._socket = transport.listening_socket(self._endpoint, socket.SOCK_STREAM)
         self._socket.listen(MOST_TCP_CLIENTS)
 
     def receive(self, timeout_s: float) -> list[Packet]:
@@ -199,7 +192,7 @@ class _Stream:
         """
         self.send(b"")
         try:
-            data = self.socket.recv(RECEIVE_BYTES)
+            data = self.socket.recv(transport.RECEIVE_BYTES)
         except (BlockingIOError, InterruptedError):
             return None
         if not data:

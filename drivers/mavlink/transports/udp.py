@@ -8,17 +8,8 @@ from struct import Struct
 from typing import Any
 
 from drivers.endpoint import Endpoint
-from drivers.mavlink.transports.transport import (
-    IS_LINUX,
-    RECEIVE_BYTES,
-    SO_TIMESTAMPNS,
-    Packet,
-    Transport,
-    listening_socket,
-    new_socket,
-    resolve,
-    unix_us,
-)
+from drivers.mavlink.transports import transport
+from drivers.mavlink.transports.transport import SO_TIMESTAMPNS, Packet, Transport, unix_us
 
 # Reads in one call before the owner gets them: a flood cannot keep it from anything else.
 RECEIVE_READS = 2048
@@ -49,7 +40,7 @@ class Udp(Transport):
     @property
     def lost(self) -> int:
         """Datagrams that the system has thrown away; to ask it takes as long as to read some."""
-        if not IS_LINUX or self._socket is None:
+        if not transport.IS_LINUX or self._socket is None:
             return 0
         info = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
         # old kernels show less
@@ -58,10 +49,10 @@ class Udp(Transport):
     def open(self) -> None:
         self._peers.clear()
         if self._endpoint.kind == "udpin":
-            self._socket = listening_socket(self._endpoint, socket.SOCK_DGRAM)
+            self._socket = transport.listening_socket(self._endpoint, socket.SOCK_DGRAM)
             return
-        family, self._target = resolve(self._endpoint, socket.SOCK_DGRAM)
-        self._socket = new_socket(family, socket.SOCK_DGRAM)
+        family, self._target = transport.resolve(self._endpoint, socket.SOCK_DGRAM)
+        self._socket = transport.new_socket(family, socket.SOCK_DGRAM)
 
     def receive(self, timeout_s: float) -> list[Packet]:
         assert self._socket is not None
@@ -108,9 +99,9 @@ class Udp(Transport):
 
 
 def _read(own: socket.socket) -> tuple[bytes, Any, int]:
-    if not IS_LINUX:
-        return (*own.recvfrom(RECEIVE_BYTES), unix_us())
-    data, ancillary, _flags, sender = own.recvmsg(RECEIVE_BYTES, ANCILLARY_BYTES)
+    if not transport.IS_LINUX:
+        return (*own.recvfrom(transport.RECEIVE_BYTES), unix_us())
+    data, ancillary, _flags, sender = own.recvmsg(transport.RECEIVE_BYTES, ANCILLARY_BYTES)
     if len(ancillary) == 1:
         ((level, kind, stamp),) = ancillary
         if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS and len(stamp) == TIMESPEC.size:
