@@ -2,7 +2,6 @@
 
 import os
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from concurrent.futures import Future
 from math import inf
@@ -20,12 +19,11 @@ MEMORY_OF_SLOT = 2 << 20
 GROUP = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 
-class Closing(ABC):
+class Closing:
     """A context manager that closes itself."""
 
-    @abstractmethod
     def close(self) -> None:
-        """Release everything; a second call does nothing."""
+        """Release everything, if anything is held; a second call does nothing."""
 
     def __enter__(self) -> Self:
         return self

@@ -18,7 +18,7 @@ of messages that come as evenly as the vehicle has stamped them: an autopilot's 
 still under load is noticed at once.
 """
 
-from math import degrees, isfinite, remainder
+from math import degrees, inf, isfinite, remainder
 
 from estimator.geometry.frames import euler_rad
 from estimator.types import Attitude, Quaternion, Vec3
@@ -51,7 +51,7 @@ class Publishing:
         self._offset_us = 0.0
         self.wake_us = 0.0  # when to look next, as far as was known at the last look
         self._last = (-1, 0)  # samples at the last attitude, and when that was
-        self._counted: tuple[int | None, int] = (None, 0)  # the last status, and attitudes by then
+        self._counted: tuple[float, int] = (inf, 0)  # the last status, and attitudes by then
         self._status_period_us = STATUS_PERIOD_US
         self._second_status = 1.0 - number * GOLDEN % 1.0  # a share of the period after the first
 
@@ -94,9 +94,8 @@ class Publishing:
     def published_hz(self, now_us: int, *, is_shedding: bool) -> float:
         """Attitudes a second since the last status; the rate asked for where nothing is shed."""
         (status_us, before), self._counted = self._counted, (now_us, self.attitudes)
-        since_us = None if status_us is None else now_us - status_us
-        count = self.attitudes - before
-        if not is_shedding or since_us is None or since_us <= 0:
+        since_us, count = now_us - status_us, self.attitudes - before
+        if not is_shedding or since_us <= 0:
             return self._rate_hz
         return min(self._rate_hz, round(1e6 * count / since_us, 1))
 

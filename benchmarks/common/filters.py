@@ -8,7 +8,7 @@ import numpy as np
 from common.recordings import Array, Trial
 from common.report import names
 
-from estimator.geometry.rotations import conjugate, multiply
+from estimator.geometry.rotations import conjugate, from_matrices, multiply
 from estimator.profile import Profile, merge_profile
 from estimator.types import STANDARD_GRAVITY_M_S2
 from fuzzbee import Estimator, load_profile
@@ -185,13 +185,11 @@ class AhrsRun(Run):
 
 def first_attitude(trial: Trial) -> Array:
     """The attitude, sensor to ENU, that gravity and the field of the first sample show."""
-    from scipy.spatial.transform import Rotation
-
     up = trial.acc_m_s2[0] / np.linalg.norm(trial.acc_m_s2[0])
     east = np.cross(trial.mag_ut[0] if trial.has_mag else np.array([1.0, 0.0, 0.0]), up)
     east /= np.linalg.norm(east)
     rows = np.array([east, np.cross(up, east), up])
-    return np.roll(Rotation.from_matrix(rows).as_quat(), 1)
+    return from_matrices(rows[None])[0]
 
 
 PEERS: dict[str, Filter] = {

@@ -2,7 +2,7 @@
 
 import hashlib
 import logging
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,7 +21,7 @@ MARGIN = 1 << 17  # bytes; longer than any message of a log that is read in piec
 _log = logging.getLogger(__name__)
 
 
-class LogFile(Closing):
+class LogFile(Closing, ABC):
     """A recording as the events of a live link, for as often as it is iterated.
 
     The file is open only while it is iterated, so that there is nothing to close. ``on_read`` is
@@ -53,9 +53,6 @@ class LogFile(Closing):
 
         None if there is not even an attitude (of that system), or an IMU message that is of no use.
         """
-
-    def close(self) -> None:
-        """Do nothing: no file is held open between two readings."""
 
     def sha256(self) -> str:
         """The file's SHA-256, as hexadecimal digits."""

@@ -14,12 +14,12 @@ from drivers.logs.bag import Bag
 from drivers.logs.csv_text import HEAD_SIZE, csv_text
 from drivers.logs.log_file import LogFile
 from drivers.logs.tlog import Tlog
+from drivers.logs.ulog_format import MAGIC as ULOG_MAGIC
 from estimator.errors import InputError
 from estimator.profile import SHIPPED
 
 # Of what is looked for in a folder
 SUFFIXES = (".tlog", ".log", ".bin", ".ulg", ".csv", *BAG_SUFFIXES)
-ULOG_MAGIC = b"ULog\x01\x12\x35"
 DATAFLASH_FORMAT = re.compile(rb"\xa3\x95\x80")  # head of a FMT message, which comes first
 DATAFLASH_TEXT = re.compile(rb"^FMT, ?\d+, ?\d+, ?", re.MULTILINE)
 COMPRESSED = (b"\x1f\x8b", b"PK\x03\x04", b"7z\xbc\xaf", b"\xfd7zXZ", b"BZh", b"\x28\xb5\x2f\xfd")

@@ -180,15 +180,13 @@ class MavlinkDecoder:
 
     def _meet(self, frame: Frame, arrival_us: int) -> list[Event]:
         """Give a new sender a slot, if there is one; too many are no link of real ones."""
-        gone: list[Event] = []
+        gone, address = list[Event](), VehicleId(frame.system_id, frame.component_id)
         if len(self._senders) >= MOST_SENDERS:
             left = self._make_room(arrival_us, brings_imu=frame.message_id in messages.IMU_MESSAGES)
             if left is None:  # its samples count
-                address = VehicleId(frame.system_id, frame.component_id)
                 refused = events.RefusedFrames(address, arrival_us, Reason.NO_PLACE, 1)
                 return [refused] if frame.message_id in messages.IMU_MESSAGES else []
             gone = [events.Forgotten(left, arrival_us)]
-        address = VehicleId(frame.system_id, frame.component_id)
         self._senders[address] = _Sender(address, takes_references=self._references)
         self._idle[address] = None
         return gone

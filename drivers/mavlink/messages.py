@@ -194,9 +194,8 @@ def _attitude(intake: Intake, message: Received) -> list[Event]:
 
 
 def _attitude_quaternion(intake: Intake, message: Received) -> list[Event]:
-    return intake.attitude(
-        message.name, message.boot_stamp, "autopilot", _quaternion(message.fields)
-    )
+    q = _quaternion(message.fields)
+    return intake.attitude(message.name, message.boot_stamp, "autopilot", q)
 
 
 def _unstamped(
@@ -265,31 +264,26 @@ _ekf_status = partial(_filter_status, "velocity_variance", "compass_variance")
 _estimator_status = partial(_filter_status, "vel_ratio", "mag_ratio")
 
 
+def _kind(
+    name: str, events: Callable[[Intake, Received], list[Event]], **options: Any
+) -> MessageKind:
+    """The entry of a message, whose number is the dialect's."""
+    return MessageKind(getattr(mav, f"{name}_ID"), name, events, **options)
+
+
 MESSAGES: dict[int, MessageKind] = {
     each.number: each
     for each in (
-        MessageKind(mav.ATTITUDE_ID, "ATTITUDE", _attitude),
-        MessageKind(
-            mav.ATTITUDE_QUATERNION_ID,
-            "ATTITUDE_QUATERNION",
-            _attitude_quaternion,
-            is_wanted=Intake.wants_attitude,
-        ),
+        _kind("ATTITUDE", _attitude),
+        _kind("ATTITUDE_QUATERNION", _attitude_quaternion, is_wanted=Intake.wants_attitude),
         # the autopilot's second filter
-        MessageKind(mav.AHRS2_ID, "AHRS2", partial(_unstamped, "autopilot", _from_euler)),
-        MessageKind(
-            mav.SIM_STATE_ID,
-            "SIM_STATE",
-            partial(_unstamped, "sim", _quaternion),
-            is_reference=True,
-        ),
-        MessageKind(
-            mav.SIMSTATE_ID, "SIMSTATE", partial(_unstamped, "sim", _from_euler), is_reference=True
-        ),
-        MessageKind(mav.GLOBAL_POSITION_INT_ID, "GLOBAL_POSITION_INT", _global_position),
-        MessageKind(mav.LOCAL_POSITION_NED_ID, "LOCAL_POSITION_NED", _local_position),
-        MessageKind(mav.GPS_RAW_INT_ID, "GPS_RAW_INT", _gps_raw),
-        MessageKind(mav.EKF_STATUS_REPORT_ID, "EKF_STATUS_REPORT", _ekf_status),
-        MessageKind(mav.ESTIMATOR_STATUS_ID, "ESTIMATOR_STATUS", _estimator_status),
+        _kind("AHRS2", partial(_unstamped, "autopilot", _from_euler)),
+        _kind("SIM_STATE", partial(_unstamped, "sim", _quaternion), is_reference=True),
+        _kind("SIMSTATE", partial(_unstamped, "sim", _from_euler), is_reference=True),
+        _kind("GLOBAL_POSITION_INT", _global_position),
+        _kind("LOCAL_POSITION_NED", _local_position),
+        _kind("GPS_RAW_INT", _gps_raw),
+        _kind("EKF_STATUS_REPORT", _ekf_status),
+        _kind("ESTIMATOR_STATUS", _estimator_status),
     )
 }
