@@ -164,7 +164,8 @@ def _solution(problem: _Problem, start: Floats) -> _Solution:
     others = np.array([problem.part(block != k).solved(p)[0] for k in range(BLOCKS)])
     left = [problem.part(block == k).misfit(other) for k, other in enumerate(others)]
     losses = np.array([np.sqrt(1.0 + (each / scale) ** 2).mean() for each in left])
-    apart = others[:, free] - others[:, free].mean(0)
+    apart = others.take(free, axis=1)
+    apart -= apart.mean(0)
     jackknife = (BLOCKS - 1) / BLOCKS * apart.T @ apart
     supposed = np.where(np.isin(free, SOFT), 1.0, problem.field.strength_gauss)
     weight = BLOCKS / n / max(scale, MODEL_GAUSS) ** 2
