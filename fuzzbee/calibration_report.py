@@ -35,8 +35,9 @@ from fuzzbee.replays.log_report import refused_text, replay_log
 from fuzzbee.replays.trace import How, VehicleTrace
 from tuning.calibration.cross_validation import WON
 from tuning.calibration.fit import SensorFit, fit_sensors
-from tuning.compass_fit import CompassFit, compass_turn, fit_compass
+from tuning.compass_fit import CompassFit, fit_compass
 from tuning.space import sensor_axes
+from tuning.turning import compass_turn
 
 SLOWEST_HZ = 19.0  # turning between the samples of slower streams does not show
 UNITS = {"gyr_bias_rad_s": "rad/s", "acc_bias_m_s2": "m/s²", "mag_offset_gauss": "gauss"}

@@ -13,8 +13,7 @@ import numpy as np
 
 from estimator.arrays import Floats, Times
 from estimator.live.rows import Rows, cut
-from tuning.compass_fit import TURNS
-from tuning.turning import MOST, SLOW_S, median, roots, spans_of, squares_left, usual_step_us
+from tuning.turning import MOST, SLOW_S, TURNS, median, roots, spans_of, squares_left, usual_step_us
 
 LEAST_S = 5.0  # shorter recordings show too little
 SLOWEST_S = 2.0  # between samples: what is slower has another unit

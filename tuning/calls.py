@@ -42,12 +42,6 @@ class Call(NamedTuple):
         """Call it again."""
         getattr(estimator, self.method)(*self.values)
 
-    @property
-    def is_row(self) -> bool:
-        """Whether it is a velocity or rates, which rows can show."""
-        kinds = VelocitySample | RateSample
-        return self.method == "update_report" and isinstance(self.values[0], kinds)
-
 
 Calls = Mapping[int, Sequence[Call]]  # before the sample of that number
 
@@ -141,9 +135,10 @@ def course_of(
 
 def split_calls(calls: Calls) -> tuple[Floats, Calls]:
     """Velocities and rates behind all other calls of a sample (M, REPORT_SIZE), and those."""
-    reports, others = [], {}
+    reports, others, kinds = [], {}, VelocitySample | RateSample
     for k, each in calls.items():
-        first = max((at for at, call in enumerate(each, 1) if not call.is_row), default=0)
+        are_rows = [c.method == "update_report" and isinstance(c.values[0], kinds) for c in each]
+        first = max((at for at, is_row in enumerate(are_rows, 1) if not is_row), default=0)
         reports += [(k, call.values[0]) for call in each[first:]]
         if first:
             others[k] = each[:first]

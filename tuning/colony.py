@@ -25,12 +25,10 @@ class Colony:
     """
 
     def __init__(self, search: Search, first: Floats, generator: np.random.Generator) -> None:
-        self._search = search
-        self._space = search.space
-        self._generator = generator
+        self._search, self._generator = search, generator
         sources = search.options.food_sources
-        fresh = random_positions(self._space, sources - len(first), generator)
-        self.positions = np.concatenate([make_feasible(self._space, first), fresh])
+        fresh = random_positions(search.space, sources - len(first), generator)
+        self.positions = np.concatenate([make_feasible(search.space, first), fresh])
         self.costs = np.full(sources, np.inf)
         self.failures = np.zeros(sources, dtype=np.int64)
 
@@ -50,7 +48,7 @@ class Colony:
             self._take(drawn, candidates, search.costs(candidates))
             if self.failures.max() > search.options.limit:
                 worn = int(np.argmax(self.failures))
-                scout = random_positions(self._space, 1, self._generator)
+                scout = random_positions(search.space, 1, self._generator)
                 self.costs[worn] = search.costs(scout, scouts=True)[0]
                 self.positions[worn], self.failures[worn] = scout[0], 0
             candidates = self._beside(everyone)
@@ -89,4 +87,4 @@ class Colony:
         found = x[visited]
         old = found[np.arange(count), j]
         found[np.arange(count), j] = old + alpha * (old - x[k, j])
-        return make_feasible(self._space, found)
+        return make_feasible(self._search.space, found)

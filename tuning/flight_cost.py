@@ -67,10 +67,8 @@ class FlightFigures(NamedTuple):
 
     def as_json(self) -> dict[str, dict[str, float | None] | None]:
         """Plain dictionaries."""
-        return {
-            name: None if figure is None else figure._asdict()
-            for name, figure in zip(self._fields, self, strict=True)
-        }
+        angles = self._asdict().items()
+        return {name: None if angle is None else angle._asdict() for name, angle in angles}
 
 
 def harm(before: Sequence[FlightFigures], after: Sequence[FlightFigures]) -> str | None:
@@ -87,14 +85,11 @@ def harm(before: Sequence[FlightFigures], after: Sequence[FlightFigures]) -> str
     for was, is_ in pairs:
         if is_ is None or is_.coverage is None or was.coverage is None:
             continue
-        if _dishonesty(is_.coverage) > _dishonesty(was.coverage) + COVERAGE_SLACK:
+        shares = was.coverage, is_.coverage
+        before_off, off = (max(HONEST[0] - each, each - HONEST[1], 0.0) for each in shares)
+        if off > before_off + COVERAGE_SLACK:
             return f"a coverage of {was.coverage:.2f} becomes {is_.coverage:.2f}"
     return None
-
-
-def _dishonesty(coverage: float) -> float:
-    """How far a coverage is outside the honest bounds."""
-    return max(HONEST[0] - coverage, coverage - HONEST[1], 0.0)
 
 
 def geometric_mean(costs: list[float]) -> float:

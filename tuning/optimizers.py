@@ -77,30 +77,20 @@ def differential_evolution(search: Search, first: Floats, generator: np.random.G
     members = search.options.food_sources
     start = np.concatenate([first[None, :], random_positions(search.space, members - 1, generator)])
     held_costs = np.full(members, np.inf)
-    generations = -1  # the first batch is the start
+    begin = {"init": start, "rng": generator, "maxiter": 2 * search.options.cycles}
+    whole = {"updating": "deferred", "vectorized": True, "tol": 0.0, "atol": -1.0, "polish": False}
 
     def costs_of_columns(x: Floats) -> Floats:
-        nonlocal held_costs, generations
         costs = search.costs(np.ascontiguousarray(x.T))
-        held_costs = np.minimum(held_costs, costs)
-        generations += 1
-        if generations > 0 and generations % 2 == 0:  # two cost as much as a bees' cycle
+        np.minimum(held_costs, costs, out=held_costs)
+        generation = search.evaluations // members - 1  # the first batch is the start
+        if generation > 0 and generation % 2 == 0:  # two cost as much as a bees' cycle
             search.end_cycle(held_costs)
         return costs
 
     try:
-        optimize.differential_evolution(
-            costs_of_columns,
-            list(zip(lower.tolist(), upper.tolist(), strict=True)),
-            maxiter=2 * search.options.cycles,
-            init=start,
-            tol=0.0,
-            atol=-1.0,
-            polish=False,
-            updating="deferred",
-            vectorized=True,
-            rng=generator,
-        )
+        limits = optimize.Bounds(lower, upper)
+        optimize.differential_evolution(costs_of_columns, limits, **begin, **whole)
     except RuntimeError as error:
         if isinstance(error.__cause__, InputError):  # SciPy takes any ValueError for its own
             raise error.__cause__ from None

@@ -13,17 +13,8 @@ import numpy as np
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, inlined, replacer, types_of
+from estimator.filter import kernel
 from estimator.filter.fuzzy import centroid, fire, fuzzify
-from estimator.filter.kernel import (
-    attitude_error,
-    bias_gain,
-    bound_each,
-    follow_rate,
-    innovation,
-    largest_rate,
-    paper_arguments,
-    step_gain,
-)
 from estimator.filter.memberships import Memberships, fuzzy_sets
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState
@@ -117,7 +108,7 @@ def paper_signals(seeds: tuple[int, ...]) -> Signals:
     return Signals(gyr, unit(mag), unit(-acc), q)
 
 
-@compiled(types=lambda: types_of(Base(*paper_arguments()), np.zeros((1, 24)), EXAMPLE))
+@compiled(types=lambda: types_of(Base(*kernel.paper_arguments()), np.zeros((1, 24)), EXAMPLE))
 def costs(base: Base, candidates: Floats, signals: Signals) -> Floats:
     """J (C, S) of Eq. (15), "Cost_function", of k1..k22, gamma, tau (C, 24) on every seed.
 
@@ -164,7 +155,7 @@ def _step(base: Base, signals: Signals, seed: int, k: int) -> Step:
         across=across,
         inverse=inverse,
         share=inverse * inverse_root(dot(apart, apart)),
-        fastest=largest_rate(dot(v1, v2), s1, s2, s3),
+        fastest=kernel.largest_rate(dot(v1, v2), s1, s2, s3),
         is_slow=norm(gyr) + 2.0 * base.params.bias_bound_rad_s < SLOW_RAD_S,
     )
 
@@ -181,12 +172,12 @@ def _compare(reference: ReferenceParams, step: Step, lanes: Floats, terms: int) 
         lanes[TOTAL, j] += step.weight * normalized_distance(step.truth, q)
         u1 = rotate_inverse(q, reference.magnetic_ned)
         u2 = rotate_inverse(q, reference.gravity_ned)
-        w = innovation(step.v1, u1, s1, step.v2, u2, s2)
+        w = kernel.innovation(step.v1, u1, s1, step.v2, u2, s2)
         across = cross(u1, u2)
         w = add(w, scale(0.5 * s3 * step.share, cross(across, step.across)))
         cosine = step.share * dot(step.across, across)
-        e = attitude_error(step.v1, step.v2, u1, u2, step.across, step.inverse, cosine)
-        rate = follow_rate(lanes[RATE, j], e - lanes[ERROR, j], DT_S, lanes[TAU, j])
+        e = kernel.attitude_error(step.v1, step.v2, u1, u2, step.across, step.inverse, cosine)
+        rate = kernel.follow_rate(lanes[RATE, j], e - lanes[ERROR, j], DT_S, lanes[TAU, j])
         lanes[RATE, j] = 0.0 if is_first else rate
         lanes[ERROR, j] = e
         lanes[Q, j], lanes[Q + 1, j], lanes[Q + 2, j], lanes[Q + 3, j] = q
@@ -202,9 +193,9 @@ def _infer(params: FilterParams, step: Step, lanes: Floats) -> None:
         e = fuzzify(k, lanes[ERROR, j])
         rate = fuzzify(k, min(abs(lanes[RATE, j]), 1.0))
         K = 1.0 + centroid(fire(e, rate), fuzzy_sets(k).output)
-        g = step_gain(params, K, step.fastest, dt)
+        g = kernel.step_gain(params, K, step.fastest, dt)
         gamma = with_gamma(params, lanes[GAMMA, j])
-        lanes[STEP, j], lanes[LEARNT, j] = g, bias_gain(gamma, K, g, step.fastest, dt)
+        lanes[STEP, j], lanes[LEARNT, j] = g, kernel.bias_gain(gamma, K, g, step.fastest, dt)
 
 
 @inlined
@@ -215,7 +206,7 @@ def _correct(bound_rad_s: float, lanes: Floats) -> None:
         q = (lanes[Q, j], lanes[Q + 1, j], lanes[Q + 2, j], lanes[Q + 3, j])
         bias = (lanes[BIAS, j], lanes[BIAS + 1, j], lanes[BIAS + 2, j])
         q = _turned(q, scale(-lanes[STEP, j], w), ALL)
-        bias = bound_each(add(bias, scale(lanes[LEARNT, j], w)), bound_rad_s)
+        bias = kernel.bound_each(add(bias, scale(lanes[LEARNT, j], w)), bound_rad_s)
         lanes[Q, j], lanes[Q + 1, j], lanes[Q + 2, j], lanes[Q + 3, j] = q
         lanes[BIAS, j], lanes[BIAS + 1, j], lanes[BIAS + 2, j] = bias
 

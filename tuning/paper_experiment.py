@@ -33,15 +33,9 @@ class ExperimentResult(NamedTuple):
 
 def filtered(settings: Settings, signals: Recording) -> tuple[Floats, Floats]:
     """The attitudes before each correction (N, 4) and K (N,), from the settings' first attitude."""
-    return kernel.run(
-        settings.filter,
-        settings.reference,
-        initial_state(settings.initial or IDENTITY),
-        gyr_rad_s=writable(signals.gyr_rad_s),
-        acc_m_s2=writable(signals.acc_m_s2),
-        mag=writable(signals.mag_gauss),
-        dt=1.0 / COST_RATE_HZ,
-    )
+    chosen = settings.filter, settings.reference, initial_state(settings.initial or IDENTITY)
+    gyr, acc, mag = map(writable, (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss))
+    return kernel.run(*chosen, gyr, acc, mag, 1.0 / COST_RATE_HZ)
 
 
 def paper_settings(profile: Profile, fixed_gain: float | None = None) -> Settings:
@@ -74,12 +68,8 @@ def run_experiment(
     if signals is None:
         signals = simulate(seed, COST_SAMPLES, COST_RATE_HZ)
     estimates, gains = filtered(chosen, signals)
-    e = np.array(
-        [
-            normalized_distance(tuple(truth), tuple(estimate))
-            for truth, estimate in zip(signals.q_ned_frd, estimates, strict=True)
-        ]
-    )
+    pairs = zip(signals.q_ned_frd.tolist(), estimates.tolist(), strict=True)
+    e = np.array([normalized_distance(*pair) for pair in pairs])
     settled = np.flatnonzero(e < SETTLED_ERROR)
     return ExperimentResult(
         cost=paper_cost(e),

@@ -5,24 +5,22 @@ bias, and gravity and north as they then should be are compared with what is mea
 or a bias that is off is off in its prediction, too.
 """
 
-from math import atan2, pi
+from math import atan2
 
 import numpy as np
 
 from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, types_of
-from estimator.geometry.quaternion import exp, multiply, normalize, rotate, unit
-from estimator.live.rows import Rows
+from estimator.geometry.quaternion import exp, multiply, normalize, rotate, scale, subtract, unit
+from estimator.geometry.rotations import wrap
+from estimator.live.rows import NO_ROWS, Rows, reading_of
 
 AHEAD_S = 0.5
 # A prediction over a longer silence shows of the silence.
 LONGEST_S = 1.5
 
 
-_EXAMPLE = Rows(np.zeros(1, np.int64), *(np.zeros((1, 3)),) * 3, np.zeros(1, np.bool_))
-
-
-@compiled(types=lambda: types_of(_EXAMPLE, np.zeros((1, 4)), np.zeros((1, 3)), 0))
+@compiled(types=lambda: types_of(NO_ROWS, np.zeros((1, 4)), np.zeros((1, 3)), 0))
 def predicted_vectors(
     rows: Rows, q_ned_frd: Floats, bias_rad_s: Floats, first: int
 ) -> tuple[Floats, Floats]:
@@ -31,31 +29,25 @@ def predicted_vectors(
     Unit vectors (N, 3), not numbers where there is no prediction or no field. Predictions begin
     at sample ``first`` or later.
     """
-    times_us, gyr, acc, mag, has_mag = rows
-    time_s = 1e-6 * (times_us - times_us[0])
+    time_s = 1e-6 * (rows.times_us - rows.times_us[0])
     n = len(time_s)
     down, field = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
     for k in range(first, n):
         q = (q_ned_frd[k, 0], q_ned_frd[k, 1], q_ned_frd[k, 2], q_ned_frd[k, 3])
+        bias = (bias_rad_s[k, 0], bias_rad_s[k, 1], bias_rad_s[k, 2])
         j = k
         while j + 1 < n and time_s[j] - time_s[k] < AHEAD_S - 1e-6:
             j += 1
-            dt = time_s[j] - time_s[j - 1]
-            turn = (
-                (gyr[j, 0] - bias_rad_s[k, 0]) * dt,
-                (gyr[j, 1] - bias_rad_s[k, 1]) * dt,
-                (gyr[j, 2] - bias_rad_s[k, 2]) * dt,
-            )
-            q = multiply(q, exp(turn))
+            gyr = reading_of(rows, j)[1]
+            q = multiply(q, exp(scale(time_s[j] - time_s[j - 1], subtract(gyr, bias))))
         ahead_s = time_s[j] - time_s[k]
         if ahead_s < AHEAD_S - 1e-6 or ahead_s > LONGEST_S:
             continue
         q = normalize(q)
-        g = rotate(q, unit((-acc[j, 0], -acc[j, 1], -acc[j, 2])))
-        down[j, 0], down[j, 1], down[j, 2] = g
-        if has_mag[j]:
-            m = rotate(q, unit((mag[j, 0], mag[j, 1], mag[j, 2])))
-            field[j, 0], field[j, 1], field[j, 2] = m
+        _, _, acc, mag, has_mag = reading_of(rows, j)
+        down[j, 0], down[j, 1], down[j, 2] = rotate(q, unit(scale(-1.0, acc)))
+        if has_mag:
+            field[j, 0], field[j, 1], field[j, 2] = rotate(q, unit(mag))
     return down, field
 
 
@@ -67,4 +59,4 @@ def heading_errors(field: Floats) -> Floats:
     angles = np.arctan2(field[:, 1], field[:, 0])
     seen = angles[np.isfinite(angles)]
     mean = atan2(float(np.sin(seen).sum()), float(np.cos(seen).sum())) if len(seen) else 0.0
-    return np.asarray(np.abs((angles - mean + pi) % (2.0 * pi) - pi))
+    return np.abs(wrap(angles - mean))

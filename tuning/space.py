@@ -3,13 +3,13 @@
 from math import cos, sin
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from estimator.arrays import Floats
 from estimator.calibration import UNCHANGED, Calibration, Mounting
 from estimator.errors import InputError
-from estimator.filter import memberships
+from estimator.filter.memberships import CHAINS, LOWER, NAMES, UPPER
 from estimator.geometry.quaternion import rotate
 from estimator.profile import (
     AIDING_DEFAULTS,
@@ -62,12 +62,10 @@ def _around_shipped(**keys: str) -> Space:
 
 
 # k1..k22 within the paper's Eqs. (16) and (17), a <= b <= c in each triangle.
-CHAIN_OF = {i: n for n, chain in enumerate(memberships.CHAINS) for i in chain}
 MEMBERSHIP: Space = tuple(
-    Parameter(name, low, high, is_logarithmic=False, chain=CHAIN_OF[i])
-    for i, (name, low, high) in enumerate(
-        zip(memberships.NAMES, memberships.LOWER, memberships.UPPER, strict=True)
-    )
+    Parameter(NAMES[i], LOWER[i], UPPER[i], is_logarithmic=False, chain=chain)
+    for chain, corners in enumerate(CHAINS)
+    for i in corners
 )
 RATE_TIME_CONSTANT = Parameter("filter.rate_time_constant_s", 0.05, 3.0)
 
@@ -200,13 +198,12 @@ def profile_with(space: Space, base: Profile, values: Floats) -> Profile:
         changes.setdefault(section, {})[key] = value
     turn_rad = changes.pop("calibration", {}).get(COMPASS_TURN, 0.0)
     if turn_rad != 0.0:
-        base = msgspec.structs.replace(base, calibration=_compass_turned(base, turn_rad))
+        base = replace(base, calibration=_compass_turned(base, turn_rad))
     sections: dict[str, Any] = {}
     for name, keys in changes.items():
-        section = getattr(base, name)
-        is_plain = isinstance(section, dict)
-        sections[name] = section | keys if is_plain else msgspec.structs.replace(section, **keys)
-    return parse_profile(profile_to_toml(msgspec.structs.replace(base, **sections)), "tuned")
+        old = getattr(base, name)
+        sections[name] = {**old, **keys} if isinstance(old, dict) else replace(old, **keys)
+    return parse_profile(profile_to_toml(replace(base, **sections)), "tuned")
 
 
 def _compass_turned(profile: Profile, turn_rad: float) -> Calibration:
@@ -214,7 +211,7 @@ def _compass_turned(profile: Profile, turn_rad: float) -> Calibration:
     R, (c, s) = sensor_axes(profile.mounting), (cos(turn_rad), sin(turn_rad))
     turn = R.T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
     matrix = (turn @ np.array(profile.calibration.mag_matrix)).round(6).tolist()
-    return msgspec.structs.replace(profile.calibration, mag_matrix=tuple(map(tuple, matrix)))
+    return replace(profile.calibration, mag_matrix=tuple(map(tuple, matrix)))
 
 
 def sensor_axes(mounting: Mounting) -> Floats:

@@ -28,8 +28,7 @@ FIRST_RESERVED_SEED = 5000
 MEMBERSHIP_RATE_HZ = 10.0
 # Of one flight the later part is held out; of several every third, beginning with the second.
 LATER_PART = 0.4
-HELD_OUT_EVERY = 3
-HELD_OUT_FIRST = 1
+HELD_OUT = slice(1, None, 3)
 
 
 class Scores(NamedTuple):
@@ -54,6 +53,8 @@ GOALS = {
     # how far coverage is from what it should be: all that shows of what moves sigma alone
     "coverage": Goal(lambda profile, flight: measure(profile, flight).miscoverage),
 }
+# As the paper's kernel takes them.
+PAPER_NUMBERS = (*memberships.NAMES, "filter.gamma", "filter.rate_time_constant_s")
 PAPER_GOAL = Goal(lambda profile, seed: run_experiment(profile, seed).cost)
 
 
@@ -152,14 +153,10 @@ class PaperTask(Task):
             return super().costs(values)
         chosen = paper_settings(self.base)
         base = Base(chosen.filter, chosen.reference, initial_state(chosen.initial or IDENTITY))
-        columns = {
-            "filter.gamma": np.full(len(values), base.params.gamma),
-            "filter.rate_time_constant_s": np.full(len(values), base.params.rate_time_constant_s),
-            **{parameter.name: values[:, i] for i, parameter in enumerate(self.space)},
-        }
-        # k1..k22, gamma, tau as the kernel takes them
-        names = (*memberships.NAMES, "filter.gamma", "filter.rate_time_constant_s")
-        found = costs(base, np.stack([columns[name] for name in names], axis=1), self._signals)
+        untuned = [*self.base.k, base.params.gamma, base.params.rate_time_constant_s]
+        candidates = np.tile(untuned, (len(values), 1))
+        candidates[:, [PAPER_NUMBERS.index(parameter.name) for parameter in self.space]] = values
+        found = costs(base, candidates, self._signals)
         # summed in their order: the same bits for any batch
         return np.asarray(np.cumsum(found, axis=1)[:, -1] / found.shape[1])
 
@@ -190,7 +187,7 @@ def split(
     if len(flights) == 1:
         cut = round((1.0 - LATER_PART) * len(flights[0].truth))
         return (flights[0]._replace(last=cut),), (flights[0]._replace(first=cut),)
-    chosen = held_out or {f.sha256 for f in flights[HELD_OUT_FIRST::HELD_OUT_EVERY]}
+    chosen = held_out or {f.sha256 for f in flights[HELD_OUT]}
     return (
         tuple(flight for flight in flights if flight.sha256 not in chosen),
         tuple(flight for flight in flights if flight.sha256 in chosen),

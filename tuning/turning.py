@@ -1,8 +1,11 @@
 """How readings turn against each other: a gyroscope beside a vector that others measure.
 
 A vector v that stands still turns against the body: v' = -w x v. What a gyroscope says is compared
-with how a vector has changed between means that follow each other.
+with how a vector has changed between means that follow each other. A sensor may also be mounted
+turned: by which right angle, a known field beside a compass's readings shows.
 """
+
+from itertools import permutations, product
 
 import numpy as np
 
@@ -21,8 +24,23 @@ SPIKE = 5.0  # beyond so many times the larger turns one is none
 LARGER = 0.95  # the share of turns that are smaller than those
 UNCHANGED = 1e-18  # mean square change, in any unit, of a vector that stands still or is stuck
 FLAT = 1e-9  # of the normal matrix: turns about one axis alone leave the iron along it open
-TINY = 1e-200  # rad^2, beside them: there is an inverse without any turn
+LEAST_TURNS = 1e-200  # rad^2, beside them: there is an inverse without any turn
 
+# Fewest readings that show which way a compass is turned.
+LEAST_READINGS = 50
+# A right angle moves the field's horizontal part by more than this share of its strength where the
+# vehicle turns; less shows nothing, and is iron.
+LEAST_MISFIT = 0.15
+CLEAR = 0.5  # of the misfit of any other way, at most
+
+# The signed permutations of axes; as given first.
+TURNS: Floats = np.array(
+    [
+        np.diag(signs) @ np.eye(3)[list(order)]
+        for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3))
+    ]
+)
+RIGHT_ANGLED: Floats = TURNS[np.linalg.det(TURNS) > 0.0]  # the first turns nothing
 # Columns of spans, from each mean to the next: a is the gyroscope's angle, in its unit times
 # seconds, c the change of the vector v; then come the products of v's parts with a's, row by row.
 ANGLE, CHANGE, PRODUCTS = slice(0, 3), slice(3, 6), slice(6, 15)
@@ -113,7 +131,7 @@ def squares_left(spans: Floats, turns: Floats, *, has_offset: bool) -> Floats:
         u_w[:, 1] = np.einsum("jij->i", a_va.reshape(3, 3, 3))
         u_w = u_w @ turns
         u_w[:, 1] -= flat @ a_va.T
-        N = (TINY + (1.0 + FLAT) * aa.trace()) * np.eye(3) - aa
+        N = (LEAST_TURNS + (1.0 + FLAT) * aa.trace()) * np.eye(3) - aa
         left -= u_w @ np.linalg.inv(N) @ u_w.swapaxes(1, 2)
     return np.asarray(left / cc.trace()) if cc.trace() > UNCHANGED else np.zeros_like(left)
 
@@ -122,3 +140,26 @@ def roots(squares: Floats, *factors: float) -> Floats:
     """The share (F, W), RMS, that is left by angles times each factor, of :func:`squares_left`."""
     powers = np.array([(1.0, factor, factor, factor * factor) for factor in factors])
     return np.asarray(np.sqrt(np.maximum(powers @ squares.reshape(-1, 4).T, 0.0)))
+
+
+def compass_turn(mag_gauss: Floats, expected_gauss: Floats) -> Floats | None:
+    """The rotation (3, 3) that takes readings (N, 3) into the body's axes; None for none.
+
+    ``expected_gauss`` (N, 3) is the place's field in the body's axes by an attitude whose heading
+    the compass has not shown. A constant offset is left to the search for iron.
+    """
+    if len(mag_gauss) < LEAST_READINGS:
+        return None
+    misfits = np.array([_apart(mag_gauss, expected_gauss @ R) for R in RIGHT_ANGLED])
+    best, second = (int(k) for k in np.argsort(misfits)[:2])
+    strength = float(np.median(np.linalg.norm(expected_gauss, axis=1)))
+    is_clear = misfits[best] < CLEAR * misfits[second]
+    if best == 0 or not is_clear or misfits[0] < LEAST_MISFIT * strength:
+        return None
+    return np.asarray(RIGHT_ANGLED[best])
+
+
+def _apart(mag: Floats, seen: Floats) -> float:
+    """Median distance between readings and what would be seen, beyond a constant offset."""
+    off = mag - seen
+    return float(np.median(np.linalg.norm(off - np.median(off, axis=0), axis=1)))

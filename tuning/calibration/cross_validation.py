@@ -30,7 +30,7 @@ ROWS = np.arange(CONSTANTS)
 PINNED, NO_LOSS = 1e6, 1e-6
 _TURN, _NONE = cross_matrix(np.eye(3)).reshape(3, 9), np.zeros((3, 3))
 # The constants of a small turn of all three sensors about each axis
-TURNS: Floats = np.concatenate([_TURN, _NONE, _TURN, _NONE, -_TURN, _NONE], axis=1).T
+COMMON_TURNS: Floats = np.concatenate([_TURN, _NONE, _TURN, _NONE, -_TURN, _NONE], axis=1).T
 
 
 def predicted(
@@ -43,7 +43,7 @@ def predicted(
     ``keys`` are not sought, and have no share.
     """
     shares, kept = dict[str, float](), list(keys)
-    pins = TURNS / prior[:, None]
+    pins = COMMON_TURNS / prior[:, None]
     while kept:
         for sensor in SENSORS:
             both = [key for key in kept if key.startswith(sensor)]

@@ -14,7 +14,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from estimator.arrays import Floats
 from estimator.calibration import Calibration
-from tuning.calibration.cross_validation import IN_FLIGHT, KEYS, TURNS, predicted
+from tuning.calibration.cross_validation import COMMON_TURNS, IN_FLIGHT, KEYS, PINNED, predicted
 from tuning.calibration.spans import ACC, CONSTANTS, GYR, MAG, PARTS, Recording, pieces
 from tuning.calibration.trajectory import SHOWN, Trajectory
 
@@ -23,7 +23,7 @@ ROUNDS, STEPS = 3, 2  # readings are summed up anew each round
 PRIOR = np.array([0.01] * 9 + [0.02] * 3 + [0.015] * 9 + [0.2] * 3 + [0.05] * 9 + [0.2] * 3)
 # How far they vary from piece to piece, and seem to: temperature, a place's field
 VARY = np.array([0.001] * 9 + [0.005] * 3 + [0.0015] * 9 + [0.03] * 3 + [0.01] * 9 + [0.01] * 3)
-PINNED, NO_SCATTER = 1e6, 1e-6
+NO_SCATTER = 1e-6
 LEAST_RECORDINGS = 3  # from so many on each is left out as a whole; of fewer, sixths
 
 
@@ -91,15 +91,10 @@ def calibration_of(x: Floats) -> Calibration:
     """Constants (36,) as a profile has them: v = M (reading - b)."""
     gyr, acc = (np.eye(3) + x[part][:9].reshape(3, 3) for part in (GYR, ACC))
     mag = np.linalg.inv(np.eye(3) + x[MAG][:9].reshape(3, 3))
-    keys = {
-        "gyr_bias_rad_s": np.linalg.solve(gyr, x[GYR][9:]),
-        "gyr_matrix": gyr,
-        "acc_bias_m_s2": np.linalg.solve(acc, x[ACC][9:]),
-        "acc_matrix": acc,
-        "mag_offset_gauss": x[MAG][9:],
-        "mag_matrix": mag,
-    }
-    return msgspec.convert({key: v.round(6).tolist() for key, v in keys.items()}, Calibration)
+    biases = np.linalg.solve(gyr, x[GYR][9:]), np.linalg.solve(acc, x[ACC][9:]), x[MAG][9:]
+    found = [value for each in zip(biases, (gyr, acc, mag), strict=True) for value in each]
+    keys = {key: value.round(6).tolist() for key, value in zip(KEYS, found, strict=True)}
+    return msgspec.convert(keys, Calibration)
 
 
 class _Problem:
@@ -112,8 +107,8 @@ class _Problem:
         self.prior, self.vary = PRIOR * unit, (VARY * unit) ** 2
         self._x = np.zeros(CONSTANTS)
         # A common turn of all sensors is what the constants before say: rounding would move it.
-        self._pins = TURNS / self.prior[:, None] ** 2
-        self._turn_variance = 1.0 / np.sum(TURNS * self._pins, axis=0)
+        self._pins = COMMON_TURNS / self.prior[:, None] ** 2
+        self._turn_variance = 1.0 / np.sum(COMMON_TURNS * self._pins, axis=0)
         # What each piece showed in the last step: A (36, 36) and b (36,) of its loss
         # x.A x / 2 - b.x, of constants x in units of their sigmas before.
         self.seen: list[tuple[Floats, Floats]] = []
@@ -155,5 +150,5 @@ class _Problem:
         self._x = x + step
         for each, (by_common, alone) in zip(self._trajectories, solved, strict=True):
             each.move(by_common @ step - alone)
-        of_turn = (TURNS * self._turn_variance) @ TURNS.T
+        of_turn = (COMMON_TURNS * self._turn_variance) @ COMMON_TURNS.T
         return self._x, covariance + of_turn

@@ -108,35 +108,33 @@ class Decision(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """A candidate, and what is in force and it cost in half seconds (2, B) since its search."""
+    """A candidate, and what is in force and it cost in half seconds (2, B) of each segment."""
 
     factors: Floats
     reason: str
-    costs: Floats = np.empty((2, 0))
-    segments: int = 0
+    costs: tuple[Floats, ...] = ()
 
     def with_costs(self, old: Floats, new: Floats) -> "Trial":
         """The trial with one more segment."""
-        costs = np.concatenate([self.costs, [old, new]], axis=1)
-        return self._replace(costs=costs, segments=self.segments + 1)
+        return self._replace(costs=(*self.costs, np.array([old, new])))
 
     @property
     def share(self) -> float:
         """The share of the cost that it saves."""
-        old, new = self.costs
+        old, new = np.concatenate(self.costs, axis=1)
         return 1.0 - float(new.sum()) / float(old.sum())
 
     @property
     def has_won(self) -> bool:
         """Whether it is cheaper by enough, and beyond chance by Student's t of the pairs."""
-        saved = self.costs[0] - self.costs[1]
+        saved = np.subtract(*np.concatenate(self.costs, axis=1))
         beyond = sqrt(len(saved)) * saved.mean() > LEAST_T * saved.std(ddof=1)
         return self.share > LEAST_GAIN and len(saved) > 1 and bool(beyond)
 
     @property
     def is_open(self) -> bool:
         """Whether more segments may decide."""
-        return self.segments < MOST_SEGMENTS and self.share > LEAST_GAIN
+        return len(self.costs) < MOST_SEGMENTS and self.share > LEAST_GAIN
 
 
 class Retuner:
