@@ -247,6 +247,7 @@ class MavlinkLink(Closing):
             if len(self._readers) > MOST_READERS:
                 self._readers.popitem(last=False)
         reader = self._readers[peer]
+        self._readers.move_to_end(peer)
         frames = reader.feed(data)
         self._malformed += reader.take_malformed()
         let_in = self._gate.let_in(frames, peer, arrival_us)

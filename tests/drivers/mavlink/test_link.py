@@ -310,3 +310,14 @@ def test_half_a_frame_of_a_client_that_has_left_costs_the_next_one_nothing(monke
     monkeypatch.setattr(Udp, "receive", lambda *_: packets.pop(0) if packets else [])
     with udp_link() as (link, _):
         assert not only(Malformed, collect(link, count(Heartbeat)))
+
+
+def test_of_too_many_senders_the_one_silent_for_longest_loses_its_half_frame(monkeypatch):
+    monkeypatch.setattr("drivers.mavlink.link.MOST_READERS", 2)
+    first, second = (vehicle := Vehicle(1)).heartbeat(), vehicle.heartbeat()
+    sent = [("a", first[:9]), ("b", Vehicle(2).heartbeat()), ("a", first[9:] + second[:9])]
+    sent += [("c", Vehicle(3).heartbeat()), ("a", second[9:])]
+    packets = [[Packet(peer, data, 1)] for peer, data in sent]
+    monkeypatch.setattr(Udp, "receive", lambda *_: packets.pop(0) if packets else [])
+    with udp_link() as (link, _):
+        assert not only(Malformed, collect(link, count(Heartbeat, 4)))
