@@ -30,7 +30,7 @@ test-python: .venv/developer
 QUICK_IN_PYTHON := conditioning geometry filter/test_filter.py filter/test_stability.py \
   filter/test_alignment.py test_estimator.py test_profile.py test_published.py \
   aiding/test_measurements.py aiding/test_place.py aiding/test_search.py \
-  aiding/test_step.py aiding/test_late_report.py
+  aiding/test_correction.py aiding/test_late_report.py
 
 ## smoke: every benchmark for some seconds, to see that it runs; `make test` does so, too
 smoke: .venv/developer

@@ -1,4 +1,4 @@
-"""Rows that are more than is kept in memory, where no file takes them; others: test_long_logs."""
+"""Rows that are more than is kept in memory, where no file takes them; others: test_exports."""
 
 import resource
 import tempfile
