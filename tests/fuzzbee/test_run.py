@@ -186,7 +186,8 @@ def test_a_recording_is_whole_if_each_of_its_parts_is(are_whole, word):
 def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     """No two numbers are alike."""
     vehicle = Vehicle(VehicleId(1, 1), Estimator(load_profile("imu")))
-    vehicle.imu.samples, vehicle.imu._shed, vehicle.publishing.attitudes = 31, 32, 33
+    vehicle.imu.samples, vehicle.publishing.attitudes = 31, 33
+    vehicle.imu._shed = Counter(RAW_IMU=32)
     vehicle.imu.worst_gap_us, vehicle.imu.median_period_us = 250_000, 1e6 / 49.87654
     vehicle.imu.choice, vehicle.rejected["late"] = ImuChoice("RAW_IMU"), 35
     evicted = Counter(vehicles=51, samples=52, shed=53, rejected=54, attitudes=55)

@@ -210,7 +210,7 @@ def settled(process, condition):
 
 
 @pytest.mark.parametrize("verb", ["run", "watch"])
-def test_a_session_listens_on_loopback_only(verb, port):
+def test_run_and_watch_listen_on_loopback_only(verb, port):
     tcp, metrics = free_port(), free_port()
     command, ports = [verb, "--json", *default_session(tcp)], {tcp}
     if verb == "run":
