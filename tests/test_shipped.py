@@ -89,6 +89,13 @@ def test_every_service_is_the_one_image_locked_down_and_runs_as_nobody_in_partic
         assert service["cap_drop"] == ["ALL"]
 
 
+def test_the_commands_name_each_other():
+    commands = [service["command"] for service in services().values()]
+    addresses = [word for command in commands for word in command if ":" in word]
+    hosts = {re.fullmatch(r"\w+[:/]([\w.]+):\d+", address)[1] for address in addresses}
+    assert hosts == {"0.0.0.0", "sim", "service"}
+
+
 def health(endpoint):
     given = {"FUZZBEE_HEALTH_ENDPOINT": endpoint}
     return run_python(str(HEALTHCHECK), timeout_s=120, check=False, **given)

@@ -246,3 +246,12 @@ def test_integers_are_numbers(name):
             assert one.update_velocity(report) is None
         attitudes.append(one.attitude(120_000))
     assert attitudes[0] == attitudes[1]
+
+
+def test_published_rate_is_free_of_the_bias():
+    estimator = fed(load_profile("paper"), samples(500))
+    last = samples(500)[-1]
+    published = estimator.attitude(last.time_us)
+    assert np.abs(published.gyro_bias_rad_s).max() == pytest.approx(0.126, rel=0.2)
+    expected = np.subtract(last.gyr_rad_s, published.gyro_bias_rad_s)
+    np.testing.assert_allclose(published.rate_rad_s, expected, atol=1e-15)

@@ -138,6 +138,7 @@ def test_the_same_file_with_a_worker_killed_in_mid_run(scheduler, workers, tmp_p
 def test_what_is_missing_is_reported_in_one_line(
     has_scheduler, request, tmp_path, monkeypatch, capsys
 ):
+    pytest.importorskip("distributed")
     monkeypatch.setattr("tuning.processes.CONNECT_TIMEOUT_S", 1.0)
     address, reported = "tcp://127.0.0.1:9", "no scheduler answers"
     if has_scheduler:
