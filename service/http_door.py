@@ -70,8 +70,8 @@ class HttpDoor(ThreadingHTTPServer):
         self.closing = threading.Event()
         self.most = most_connections()
         self.streams = threading.BoundedSemaphore(max(1, int(STREAM_PART * self.most)))
-        self.lock = threading.Lock()
-        self.until_s: dict[socket.socket, float] = {}  # infinite for a stream
+        self._lock = threading.Lock()
+        self._until_s: dict[socket.socket, float] = {}  # infinite for a stream
         super().__init__(address, _Handler)
         self._thread = threading.Thread(target=self.serve_forever, name=name, daemon=True)
         self._thread.start()
@@ -99,17 +99,22 @@ class HttpDoor(ThreadingHTTPServer):
 
     def verify_request(self, request: Any, client_address: Any) -> bool:  # noqa: ARG002
         """Whether there is a slot for one more."""
-        with self.lock:
-            if len(self.until_s) >= self.most:
+        with self._lock:
+            if len(self._until_s) >= self.most:
                 return False
-            self.until_s[request] = time.monotonic() + REQUEST_S
+            self._until_s[request] = time.monotonic() + REQUEST_S
             return True
+
+    def without_deadline(self, request: socket.socket) -> None:
+        """A stream lasts; each of its writes has the handler's timeout."""
+        with self._lock:
+            self._until_s[request] = float("inf")
 
     def service_actions(self) -> None:
         """End the requests that took too long; the server calls this twice a second."""
         now_s = time.monotonic()
-        with self.lock:
-            for request, until_s in self.until_s.items():
+        with self._lock:
+            for request, until_s in self._until_s.items():
                 if until_s < now_s:
                     with suppress(OSError):
                         request.shutdown(socket.SHUT_RDWR)
@@ -117,8 +122,8 @@ class HttpDoor(ThreadingHTTPServer):
     def shutdown_request(self, request: Any) -> None:
         """Close a connection and free its slot."""
         super().shutdown_request(request)
-        with self.lock:
-            self.until_s.pop(request, None)
+        with self._lock:
+            self._until_s.pop(request, None)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A client that went away is no error."""
@@ -171,8 +176,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _stream(self, answer: Answer, events: Iterator[bytes]) -> None:
         self._send(answer)
-        with self.server.lock:  # it lasts; each of its writes has the handler's timeout
-            self.server.until_s[self.connection] = float("inf")
+        self.server.without_deadline(self.connection)
         with suppress(OSError):  # the client went away, or does not read
             for event in events:
                 self.wfile.write(event)
