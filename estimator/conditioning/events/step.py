@@ -59,9 +59,11 @@ class HeadingInflation(NamedTuple):
     usual_s: float = 0.0  # for how long it has looked so, less the time it has not
     norm_before: float = 0.0  # of the field before the turn, in its own unit
     confidence_before: float = 0.0  # likewise, averaged
+    no_jump: float = 0.0  # the vertical's inflation that no jump of the field has added, rad^2
 
 
 with_usual = replacer(HeadingInflation, "variance", "usual_s")
+with_no_jump = replacer(HeadingInflation, "no_jump")
 
 
 class EventsState(NamedTuple):
@@ -85,7 +87,8 @@ def inflate_variance(
     raised = min(inflation.variance + variance * (1.0 + steepness), HALF_TURN_VARIANCE)
     if inflation.variance > 0.0:
         return with_usual(inflation, raised, 0.0)
-    return HeadingInflation(raised, 0.0, signs.jump.slow_norm, signs.heading.mean_confidence)
+    norm, confidence = signs.jump.slow_norm, signs.heading.mean_confidence
+    return HeadingInflation(raised, 0.0, norm, confidence, inflation.no_jump)
 
 
 @inlined
@@ -114,8 +117,9 @@ def release_inflation(
     """Add the inflation to the heading once the field has looked as usual for a while.
 
     A magnet that has turned the field shows in norm or dip, now or soon, and must not draw the
-    heading: the field has to stand still again, and both inflations are dropped if its norm is
-    another, or if it came to point elsewhere slowly. That of the vertical is ``tilt`` (rad^2).
+    heading: the field has to stand still again, and what its jump has added to both inflations is
+    dropped if its norm is another, or if it came to point elsewhere slowly. That of the vertical is
+    ``tilt`` (rad^2). While that is large the field's dip shows nothing, so that the norm decides.
 
     Returns both inflations, the estimate and whether the heading was given up.
     """
@@ -128,11 +132,11 @@ def release_inflation(
     most = SCALE_ERROR + sqrt(field.reference.uneven)
     left, norm = inflation.variance, inflation.norm_before
     if left > 0.0 and abs(jump.quick_norm - norm) > most * norm:
-        return with_usual(inflation, 0.0, usual_s), 0.0, estimate, False
+        return with_usual(inflation, 0.0, usual_s), inflation.no_jump, estimate, False
     if usual_s <= SPAN_S:
         return with_usual(inflation, left, usual_s), tilt, estimate, False
     if not is_sudden(jump.usual / JUMP_SHARE**2, left, steepness(field.reference), horizontal):
-        left, tilt = 0.0, 0.0 if left > 0.0 else tilt
+        left, tilt = 0.0, inflation.no_jump if left > 0.0 else tilt
     inflation = with_usual(inflation, 0.0, usual_s)
     return inflation, tilt, inflate_heading(estimate, left), left > 0.0
 
@@ -141,8 +145,11 @@ def release_inflation(
 def with_field_turned(estimate: Estimate, tilt: float, field: MagneticState) -> Estimate:
     """A heading no surer than its field, which a vertical of the variance ``tilt`` (rad^2) turns.
 
-    Such an error lasts, so that means of the field do not lessen it.
+    Such an error lasts, so that means of the field do not lessen it. A field that shows no heading
+    changes nothing.
     """
+    if not has_heading(field):
+        return estimate
     least = min(tilt * steepness(field.reference), HALF_TURN_VARIANCE)
     return inflate_heading(estimate, max(0.0, least - estimate.covariance[9]))
 
@@ -257,6 +264,9 @@ def learn_events(
     now = with_estimate(vertical.state, field.estimate)
     now = react(proof, now, field.horizontal, was_inflated)
     heading_rad, estimate, tilt = now.estimate.heading_rad, now.estimate, now.inflation
+    # what a jump has added shrinks with the whole, at the latest
+    others = tilt if proof.gravity else min(inflation.no_jump + vertical.clipped, tilt)
+    inflation = with_no_jump(inflation, others)
     if proof.jump > 0.0:
         inflation = inflate_variance(inflation, signs, proof.jump, steepness(magnetic.reference))
         # beside a magnet a turn is the less likely

@@ -236,7 +236,8 @@ def weigh_force(
 
     ``clipped`` (rad^2) is the variance of a turn beyond the gyroscope's end. After that, or after a
     turn that no sensor has felt, the force may show more than the low-pass would take. ``most``
-    (rad^2) is the largest variance of the vertical.
+    (rad^2) is the largest variance of the vertical. Such a turn's force counts until the published
+    low-pass is as quick; until then the levelling one follows likewise.
     """
     dt = mean.time_s
     weighed = weighing(params, dt)

@@ -16,6 +16,7 @@ from estimator.conditioning.events.step import (
     HeadingInflation,
     proof_of,
     release_inflation,
+    with_field_turned,
 )
 from estimator.conditioning.events.turn_signs import (
     GravitySigns,
@@ -84,26 +85,44 @@ def test_a_jump_is_more_than_what_else_turns_the_field(own, by_turning, share):
     assert jump_variance(PARAMS, counted, learnt) == (0.0, counted.seen_rad)
 
 
-def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=0.4, tilt=0.05):
+ESTIMATE = Estimate(ZERO, 0.2, (1e-4, 0, 0, 0, 1e-4, 0, 0, 1e-4, 0, 0.03))
+
+
+def release(
+    *, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=0.4, tilt=0.05, no_jump=0.0
+):
     """The inflation after a step beside a field of dip 60 degrees that is off by 0.3 rad."""
     reference = FieldReference(horizontal=0.25, down=0.25 * sqrt(3.0), uneven=0.0001)
     field = MagneticState(FieldLook(0.25, 0.43, confidence), reference, 0.0, True)
-    inflation = HeadingInflation(variance, usual_s, 0.461, 0.9)
-    estimate = Estimate(ZERO, 0.2, (1e-4, 0, 0, 0, 1e-4, 0, 0, 1e-4, 0, 0.03))
+    inflation = HeadingInflation(variance, usual_s, 0.461, 0.9, no_jump)
     jump = JUMP._replace(quick_norm=norm, moves_rad=moves_rad)
     return release_inflation(
-        PARAMS, inflation, tilt, estimate, field, jump, (np.cos(0.3), np.sin(0.3)), DT
+        PARAMS, inflation, tilt, ESTIMATE, field, jump, (np.cos(0.3), np.sin(0.3)), DT
     )
 
 
+@pytest.mark.parametrize("no_jump", [0.0, 0.02])  # by a gyroscope beyond its end, or by gravity
 @pytest.mark.parametrize(
-    ("norm", "left"),
-    [(0.46, (0.0, 0.05, True)), (0.461 * 1.045, (0.0, 0.0, False))],  # of another norm: a magnet's
+    ("field", "is_turn"),
+    [
+        ({}, True),
+        ({"norm": 0.461 * 1.045}, False),  # of another norm: a magnet's
+        ({"variance": 0.001}, False),  # 0.3 rad off, of which a jump shows little: a magnet's
+    ],
 )
-def test_the_heading_is_inflated_once_the_field_looks_as_usual(norm, left):
-    inflation, tilt, estimate, released = release(norm=norm)
-    assert (inflation.variance, tilt, released) == left
-    assert estimate.covariance[9] == (pytest.approx(0.03 + 0.4) if released else 0.03)
+def test_the_heading_is_inflated_once_the_field_looks_as_usual(field, is_turn, no_jump):
+    inflation, tilt, estimate, released = release(**field, no_jump=no_jump)
+    left = 0.05 if is_turn else no_jump
+    assert (inflation.variance, tilt, released) == (0.0, left, is_turn)
+    assert estimate.covariance[9] == (pytest.approx(0.03 + 0.4) if is_turn else 0.03)
+
+
+@pytest.mark.parametrize(("horizontal", "least"), [(0.25, 0.12), (0.01, 0.03)])  # 60, 89 deg
+def test_a_heading_is_no_surer_than_the_field_that_an_uncertain_vertical_turns(horizontal, least):
+    reference = FieldReference(horizontal=horizontal, down=0.25 * sqrt(3.0))
+    field = MagneticState(FieldLook(0.25, 0.43, 0.7), reference, 0.0, True)
+    assert with_field_turned(ESTIMATE, 0.04, field).covariance[9] == pytest.approx(least)
+    assert with_field_turned(ESTIMATE, 0.004, field) == ESTIMATE
 
 
 def test_a_field_that_still_moves_or_is_another_keeps_the_inflation():

@@ -278,3 +278,27 @@ def test_beside_accelerations_a_turn_is_found_and_no_heading_surer_than_its_fiel
                     assert vertical.estimate.covariance[9] > 0.9 * least
             times_s.append(found_s(np.array(errors)))
     assert max(times_s) < 2.1
+
+
+def rolled(magnet):
+    """Pushed to and fro, and at 15 s rolled beyond the gyroscope's end as a ``magnet`` comes."""
+    roll = fly(lambda t: (12.0 * (15.0 <= t < 15.2), 0.0, 0.0), 18.0, DT)
+    for k, s in enumerate(roll):
+        t, field = DT * k, 1.0 + magnet * min(1.0, max(0.0, DT * k - 14.9))
+        push = scale(2.0 * (t > 5.0), (sin(pi * t), cos(1.4 * pi * t), 0.0))
+        yield s._replace(
+            gyr=(min(s.gyr[0], 5.5), 0.0, 0.0),
+            acc=add(s.acc, rotate_inverse(s.q_ned_frd, push)),
+            mag=scale(field, s.mag),
+        )
+
+
+@pytest.mark.parametrize("magnet", [0.0, 0.12])
+def test_beside_a_magnet_the_force_still_shows_what_a_gyroscope_at_its_end_has_missed(magnet):
+    """The magnet says that the field's jump was no turn, and nothing of the gyroscope's."""
+    vertical_deg = [
+        degrees(vector_errors_rad(out, s.q_ned_frd)[0])
+        for s, out, _ in conditioned(rolled(magnet), DT)
+    ]
+    assert vertical_deg[1515] > 20.0
+    assert max(vertical_deg[1700:]) < 3.0  # measured 1.6; 9.5 if the magnet ends all of it
