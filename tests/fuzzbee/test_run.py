@@ -7,6 +7,7 @@ import socket
 import time
 from collections import Counter
 from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -131,6 +132,20 @@ def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(line, tmp_pat
     (recorded,) = folder.iterdir()
     assert 30_000 < recorded.stat().st_size <= 40 * 1024
     assert 50 < replayed(recorded)["imu"]["samples"] < 300
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's full device")
+def test_a_disk_that_is_full_from_the_start_costs_the_recording_only(line):
+    (to, source), options = line, ("--profile", "paper", "--json", "--no-zenoh")
+    with started("sim", "--to", to):
+        recorded = ("--seconds", "5", *options, "--record", "/dev/full")
+        done = shell('"$@"', "run", source, *recorded, status=1)
+    said = "cannot record to /dev/full: No space left on device; the estimate goes on"
+    assert [each for each in done.stderr.splitlines() if "record" in each] == [said]
+    result = json.loads(done.stdout)
+    assert result["recording"] == "failed"
+    assert result["vehicles"]["1"]["samples"] > 300
+    assert result["lost"] == result["malformed"] == 0
 
 
 def test_a_source_that_fails_ends_the_service_with_all_that_there_is_to_say(monkeypatch, capfd):

@@ -1,7 +1,7 @@
 """What must hold for every step of the filter: nothing overshoots, nothing diverges."""
 
 from math import exp as exponential
-from math import isfinite, radians
+from math import isfinite, radians, sqrt
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.filter import kernel, reference
+from estimator.filter.fuzzy import fuzzy_gain
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import initial_state
 from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate_inverse, scale, unit
@@ -141,6 +142,26 @@ def test_coupled_poles_lie_within_the_unit_circle():
                 turned = 2.0 * np.array(r) / w
                 jacobian[:, column] = np.concatenate((turned, state.gyr_bias_rad_s)) / h
             assert np.abs(np.linalg.eigvals(jacobian)).max() < 1.0 - 1e-6
+
+
+@pytest.mark.parametrize("gap_s", GAPS_S)
+def test_behind_a_gap_the_fuzzy_gain_is_that_of_the_error_s_rate_over_it(backend, gap_s):
+    """The paper's controller; the error grows by what the bias drifts meanwhile, and no more."""
+    truth, drift = exp((0.3, -0.5, 0.7)), 0.0
+    state = initial_state(multiply(truth, exp((0.05, -0.02, 0.03))))
+    for number, dt in enumerate((*[0.01] * 20, gap_s, *[0.01] * 20)):
+        drift += dt * sqrt(dot(state.gyr_bias_rad_s, state.gyr_bias_rad_s))
+        before, rate = state, 0.0
+        state = backend.propagate(state, (0.0, 0.0, 0.0), dt)
+        state = backend.correct(FUZZY, state, seen_from(truth), dt)
+        if number:
+            share = dt / (FUZZY.rate_time_constant_s + dt)
+            over = (state.error - before.error) / dt
+            rate = before.error_rate_1_s + share * (over - before.error_rate_1_s)
+        gain = 1.0 + fuzzy_gain(FUZZY.memberships, state.error, rate)
+        assert state.gain == pytest.approx(gain, rel=1e-9)
+        assert angle_rad(state.q_ned_frd, truth) < 0.07 + drift
+    assert max(map(abs, state.gyr_bias_rad_s)) < 0.02
 
 
 @pytest.mark.parametrize("gap_s", GAPS_S)
