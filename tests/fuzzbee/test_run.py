@@ -78,6 +78,8 @@ def test_a_taken_port_is_status_2(kind, line, capfd):
     output = capfd.readouterr().err
     assert address in output
     assert "in use" in output
+    # what to do about it, where it is a link's
+    assert (f"sport = :{port} names the program" in output) == (not address.startswith("tcp/"))
 
 
 @pytest.fixture
