@@ -153,15 +153,6 @@ def dataflash(folder, flags, ratio=0.1):
     return log.save(folder)
 
 
-@pytest.mark.parametrize(
-    ("flags", "ratio", "sigmas"), [(FLYING, 0.1, [0.3]), (FLYING, 1.0, [1.2]), (STANDING, 0.1, [])]
-)
-def test_an_on_board_log_of_ardupilot(flags, ratio, sigmas, tmp_path):
-    events = list(open_log(dataflash(tmp_path, flags, ratio)))
-    found = [e.sample.sigma_m_s for e in events if isinstance(e, Velocity)]
-    assert found == pytest.approx(sigmas)
-
-
 def ulog(folder, flags, *, ratio=0.1, dead_reckoning=False, primary=0, changes=False):
     """Where the filter in use ``changes`` the first one was, at the time of its status."""
     log = UlogWriter().sensors()
@@ -179,17 +170,17 @@ def ulog(folder, flags, *, ratio=0.1, dead_reckoning=False, primary=0, changes=F
 
 
 @pytest.mark.parametrize(
-    ("flags", "reported", "sigmas"),
+    ("write", "flags", "reported", "sigmas"),
     [
-        (FLYING, {}, [0.3]),
-        (FLYING, {"ratio": 1.0}, [1.2]),
-        (FLYING, {"dead_reckoning": True}, []),
-        (STANDING, {}, []),
-        (STANDING, {"primary": 1}, [0.3]),  # another filter's word than the velocity's
-        (STANDING, {"changes": True}, [0.3]),
+        *((write, FLYING, {}, [0.3]) for write in (dataflash, ulog)),
+        *((write, FLYING, {"ratio": 1.0}, [1.2]) for write in (dataflash, ulog)),
+        *((write, STANDING, {}, []) for write in (dataflash, ulog)),
+        (ulog, FLYING, {"dead_reckoning": True}, []),
+        (ulog, STANDING, {"primary": 1}, [0.3]),  # another filter's word than the velocity's
+        (ulog, STANDING, {"changes": True}, [0.3]),
     ],
 )
-def test_an_on_board_log_of_px4(flags, reported, sigmas, tmp_path):
-    events = list(open_log(ulog(tmp_path, flags, **reported)))
+def test_on_board_logs(write, flags, reported, sigmas, tmp_path):
+    events = list(open_log(write(tmp_path, flags, **reported)))
     found = [e.sample.sigma_m_s for e in events if isinstance(e, Velocity)]
     assert found == pytest.approx(sigmas)

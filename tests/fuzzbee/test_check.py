@@ -77,9 +77,11 @@ def test_a_run_warns_ground_stations_if_it_is_asked_to(season):
     peer = mavutil.mavlink_connection("udpin:127.0.0.1:0", dialect="ardupilotmega")
     url = f"udpout:127.0.0.1:{peer.port.getsockname()[1]}"
     options = ["--speed", "20", "--no-zenoh", "--announce", url, "--send-attitude", url]
+    got = []
     with closing(peer), started("run", str(season / "wrong.tlog"), *options) as process:
-        got = [peer.recv_match(blocking=True, timeout=120.0)]
-        got += iter(lambda: peer.recv_match(blocking=True, timeout=5.0), None)
+        # a busy computer may be silent in the middle
+        while (m := peer.recv_match(blocking=True, timeout=0.5)) or process.poll() is None:
+            got += [m] if m else []
         assert process.wait(60) == 0
     first = next(m for m in got if m.get_type() == "STATUSTEXT")
     assert first.text.startswith("autopilot horizon ")

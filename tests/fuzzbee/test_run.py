@@ -7,6 +7,7 @@ import socket
 import time
 from collections import Counter
 from contextlib import contextmanager
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -65,16 +66,20 @@ def taken_port(kind=UDP):
     ("kind", "line"),
     [
         (UDP, "run --no-zenoh udpin:127.0.0.1:{port}"),
+        (socket.SOCK_STREAM, "run --no-zenoh tcpin:127.0.0.1:{port}"),
         (UDP, "sim --to udpin:127.0.0.1:{port}"),
         (socket.SOCK_STREAM, "run -l tcp/127.0.0.1:{port}"),
     ],
 )
 def test_a_taken_port_is_status_2(kind, line, capfd):
     with taken_port(kind) as port:
-        assert main(line.format(port=port).split()) == 2
+        *verb, address = line.format(port=port).split()
+        assert main([*verb, address]) == 2
     output = capfd.readouterr().err
-    assert str(port) in output
+    assert address in output
     assert "in use" in output
+    # what to do about it, where it is a link's
+    assert (f"sport = :{port} names the program" in output) == (not address.startswith("tcp/"))
 
 
 @pytest.fixture
@@ -131,6 +136,20 @@ def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(line, tmp_pat
     (recorded,) = folder.iterdir()
     assert 30_000 < recorded.stat().st_size <= 40 * 1024
     assert 50 < replayed(recorded)["imu"]["samples"] < 300
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's full device")
+def test_a_disk_that_is_full_from_the_start_costs_the_recording_only(line):
+    (to, source), options = line, ("--profile", "paper", "--json", "--no-zenoh")
+    with started("sim", "--to", to):
+        recorded = ("--seconds", "5", *options, "--record", "/dev/full")
+        done = shell('"$@"', "run", source, *recorded, status=1)
+    said = "cannot record to /dev/full: No space left on device; the estimate goes on"
+    assert [each for each in done.stderr.splitlines() if "record" in each] == [said]
+    result = json.loads(done.stdout)
+    assert result["recording"] == "failed"
+    assert result["vehicles"]["1"]["samples"] > 300
+    assert result["lost"] == result["malformed"] == 0
 
 
 def test_a_source_that_fails_ends_the_service_with_all_that_there_is_to_say(monkeypatch, capfd):

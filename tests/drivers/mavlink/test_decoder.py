@@ -296,6 +296,22 @@ def test_a_reboot_is_reported_by_whatever_confirms_it(make):
     assert (reset.reason, reset.step_s) == ("reboot", pytest.approx(5.0 - 300.02))
 
 
+def test_of_a_clock_that_begins_anew_nothing_is_placed_until_that_of_the_line_does():
+    """Whether the vehicle has booted is RAW_IMU's to show; until then each is counted."""
+    boots = [m.MAVLink_scaled_imu2_message(5000 + 20 * k, 0, 0, -1000, *[0] * 6) for k in range(5)]
+    before = [raw_imu(300 * S), m.MAVLink_scaled_imu2_message(300_000, 0, 0, -1000, *[0] * 6)]
+    after = [raw_imu(5 * S + 20_000 * k) for k in (5, 6)]
+    after.append(m.MAVLink_scaled_imu2_message(5120, 0, 0, -1000, *[0] * 6))
+    events = decode_all([*before, *boots, *after])
+    refused = only(Rejected, events)
+    assert {event.message for event in refused} == {"SCALED_IMU2"}
+    assert [event.reason for event in refused] == ["clock_step", *["no_clock"] * 4]
+    assert [event.message for event in only(Imu, events)] == [
+        *("RAW_IMU", "SCALED_IMU2"),
+        *("RAW_IMU", "RAW_IMU", "SCALED_IMU2"),
+    ]
+
+
 def test_a_message_without_content_does_not_touch_the_clock():
     broken = []
     for ms in (7, 27):

@@ -225,20 +225,6 @@ def test_what_cannot_work_is_refused_at_the_start(endpoint, reason):
         pass
 
 
-@pytest.mark.parametrize(
-    ("kind", "name"), [(socket.SOCK_DGRAM, "udpin"), (socket.SOCK_STREAM, "tcpin")]
-)
-def test_a_taken_port_is_refused(kind, name):
-    with socket.socket(socket.AF_INET, kind) as owner:
-        owner.bind((HOST, 0))
-        if kind == socket.SOCK_STREAM:
-            owner.listen()
-        port = owner.getsockname()[1]
-        with pytest.raises(InputError, match=f"{name}:{HOST}:{port}.*in use"), \
-                MavlinkLink(Endpoint(name, HOST, port)):  # fmt: skip
-            pass
-
-
 def test_garbage_is_counted_and_survived():
     vehicle = Vehicle()
     with udp_link() as (link, sender):

@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 from pymavlink import mavutil
@@ -19,17 +18,10 @@ from drivers.mavlink.encoder import FrameEncoder, attitude, heartbeat
 from drivers.mavlink.recorder import RETRY_US, Recorder
 from estimator.errors import InputError
 from tests.programs import ROOT, run_python
+from tests.service.sessions import wait_for
 
 UNIX_US = 1_790_000_000_000_000  # 2026-09-21 14:13:20 UTC
 HOUR_US = 3_600_000_000
-PATIENCE_S = 20.0
-
-
-def until(condition):
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
 
 
 def frame(encoder=FrameEncoder(VehicleId(1, 1))):  # noqa: B008 - one sender, numbered on
@@ -218,7 +210,7 @@ def test_a_file_or_folder_that_cannot_be_written_is_refused(target, in_folder, m
 def test_a_file_that_another_program_damages_is_not_whole(what, moment, path, caplog):
     with Recorder(path) as recorder:
         recorder.write(1, [b"\xfd one"])
-        until(lambda: path.stat().st_size == 13)
+        wait_for(lambda: path.stat().st_size == 13)
         assert recorder.is_whole
         if what in ("removed", "replaced"):
             path.unlink()
@@ -237,14 +229,14 @@ def test_a_file_that_another_program_damages_is_not_whole(what, moment, path, ca
 def test_a_file_that_is_made_again_is_locked_again(path, caplog):
     with Recorder(path) as recorder:
         recorder.write(1, [b"\xfd one"])
-        until(lambda: path.stat().st_size)
+        wait_for(lambda: path.stat().st_size)
         path.unlink()
         with Recorder(path) as other:
             recorder.write(2, [b"\xfd two"])
-            until(lambda: recorder.lost == 1 and "another program records to it" in caplog.text)
+            wait_for(lambda: recorder.lost == 1 and "another program records to it" in caplog.text)
             other.write(3, [b"\xfd six"])
         recorder.write(4 + RETRY_US, [b"\xfd ten"])
-        until(lambda: b"ten" in path.read_bytes())
+        wait_for(lambda: b"ten" in path.read_bytes())
         with pytest.raises(InputError, match="another"):
             Recorder(path)
     assert path.read_bytes()[8:] == b"\xfd six" + (4 + RETRY_US).to_bytes(8, "big") + b"\xfd ten"
@@ -259,10 +251,10 @@ def test_a_folder_that_is_removed_costs_frames_until_it_is_there_again(
     folder.mkdir()
     with Recorder(folder / "flight.tlog") as recorder:
         recorder.write(begin_us, [b"\xfd one"])
-        until(lambda: (folder / "flight.tlog").stat().st_size)
+        wait_for(lambda: (folder / "flight.tlog").stat().st_size)
         shutil.rmtree(folder)
         recorder.write(begin_us + 1, [b"\xfd two"])
-        until(lambda: recorder.lost == 1)
+        wait_for(lambda: recorder.lost == 1)
         assert "No such file" in caplog.text
         folder.mkdir()
         recorder.write(again_us, [b"\xfd six"])
@@ -307,8 +299,8 @@ def test_a_folder_that_is_removed_is_made_again(tmp_path, caplog):
     folder = tmp_path / "a" / "logs"
     with Recorder(folder, in_folder=True) as recorder:
         recorder.write(UNIX_US, [b"\xfd one"])
-        until(lambda: folder.exists() and list(folder.glob("*.tlog")))
-        until(lambda: next(folder.glob("*.tlog")).stat().st_size)
+        wait_for(lambda: folder.exists() and list(folder.glob("*.tlog")))
+        wait_for(lambda: next(folder.glob("*.tlog")).stat().st_size)
         shutil.rmtree(folder.parent)
         recorder.write(UNIX_US + 10_000, [b"\xfd two"])
     (path,) = folder.iterdir()

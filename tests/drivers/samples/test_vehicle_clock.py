@@ -244,6 +244,7 @@ def test_two_fields_keep_the_phase_between_them(count, offset_us, jitter_us, ear
 def test_time_grows_although_a_learnt_offset_moves_by_more_than_a_step():
     """The first message was 0.4 s late, so that its clock seemed to be less far ahead."""
     clock = VehicleClock()
+    assert clock.place("ATTITUDE", BOOT_MS, 103 * S, UNIX) == "no_clock"  # an IMU message begins
     imu(clock, 100 * S, UNIX)
     late = clock.place("ATTITUDE", BOOT_MS, 103 * S, UNIX + 400_000)
     prompt = clock.place("ATTITUDE", BOOT_MS, 103 * S + 20_000, UNIX + 20_000)

@@ -1,19 +1,21 @@
 """Low-passes, for how long the force is averaged, and what is known of its mean."""
 
-from math import degrees, pi, radians, sqrt
+from math import degrees, expm1, pi, radians, sqrt
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.averaging import (
     WINDOW_S,
     Averaging,
     averaging_at_rest,
     follow_averaging,
 )
-from estimator.conditioning.vertical.lowpass import low_pass, smooth_scalar
+from estimator.conditioning.vertical.gravity import observe_gravity
+from estimator.conditioning.vertical.lowpass import coefficients, low_pass, smooth_scalar
 
 PARAMS = ConditioningParams()
 G, DT = 9.8, 0.05
@@ -146,3 +148,20 @@ def test_another_time_constant_leaves_no_swing_behind():
             y, w = smooth_scalar(after, y, w, 1.0 + np.sin(2.0 * pi * i * dt))
             worst = max(worst, abs(y - 1.0))
     assert worst == pytest.approx(0.008, rel=0.2)
+
+
+def test_the_long_mean_follows_the_published_vertical_s_force_three_times_as_slowly():
+    """A force that steps: the mean of the low-passed one lags by three of its time constants."""
+    k = coefficients(PARAMS, 0.01, 1.0)
+    gravity = initial_state(PARAMS).vertical.gravity
+    for second in range(200):
+        u = (0.0, 0.0, G) if second < 60 else (1.2, -0.4, 9.6)
+        for _ in range(100):
+            before = gravity.force
+            gravity = observe_gravity(PARAMS, k, gravity, u, 0.0, 0.0)
+        if second == 62:
+            share = -expm1(-0.01 / PARAMS.gravity_tau_s) / 3.0
+            best, long = np.array(gravity.force.best.value), np.array(before.long)
+            assert gravity.force.long == pytest.approx(long + share * (best - long), rel=1e-12)
+            assert 0.1 < gravity.force.long[0] < 0.5 * best[0]
+    assert gravity.force.long == pytest.approx((1.2, -0.4, 9.6), abs=1e-3)

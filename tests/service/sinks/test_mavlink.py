@@ -12,7 +12,6 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from drivers.endpoint import parse_endpoint
 from drivers.events import VehicleId
-from estimator.errors import InputError
 from service.records import Evicted, Published
 from service.sinks.mavlink import MavlinkSink
 from tests.service.records import UNIX_US, differing, record
@@ -166,14 +165,6 @@ def test_whoever_connects_later_is_served_and_a_broken_link_is_reported_once():
         assert got == b"\xfd"
         again.close()
         sink.close()
-
-
-def test_what_is_no_link_is_refused(tmp_path):
-    log = tmp_path / "flight.tlog"
-    log.touch()
-    for address in ("sim:", str(log)):
-        with pytest.raises(InputError, match="no MAVLink link"):
-            MavlinkSink(parse_endpoint(address))
 
 
 def test_another_component_sends_for_the_system_once_the_first_is_forgotten(receiver, opened):
