@@ -84,16 +84,21 @@ def advice(rows: Rows) -> tuple[str, ...]:
         *_unit("accelerometer", acc_size, ACC_UNITS, ACC_USUAL),
         *(_unit("magnetometer", mag_size, MAG_UNITS, MAG_USUAL) if rows.has_mag.any() else ()),
         *_axes(rows),
+        *_upside_down(acc[:, 2], forces),
     ]
-    points = (forces > 0.0) & (forces < MOST)  # anywhere at all
-    if np.sum(acc[points, 2] / forces[points]) > UPSIDE_DOWN * np.count_nonzero(points):
-        found.append(UPSIDE_DOWN_LINE)
     return tuple(found)
 
 
 def _usual(sizes: Floats) -> float:
     """The median of those that readings in some unit may have, 0 of none."""
     return median(sizes[sizes < MOST])
+
+
+def _upside_down(acc_z: Floats, sizes: Floats) -> Iterator[str]:
+    """Whether forces point down mostly, where they point at all."""
+    points = (sizes > 0.0) & (sizes < MOST)
+    if np.sum(acc_z[points] / sizes[points]) > UPSIDE_DOWN * np.count_nonzero(points):
+        yield UPSIDE_DOWN_LINE
 
 
 def is_enough(times_us: Times) -> bool:

@@ -127,8 +127,14 @@ class Track:
                 rate=[*map(degrees, record.rate_rad_s)],
                 bias=[*map(degrees, record.gyro_bias_rad_s)],
             )
+            measured = []  # gravity and field, in NED by our attitude
             if sample is not None:
-                self._add_measured(record.q_ned_frd, sample)
+                measured.append(("gravity", sample.acc_m_s2, -1.0 / STANDARD_GRAVITY_M_S2))
+                if sample.has_mag and (size := norm(sample.mag_gauss)) > 0.0:
+                    measured.append(("field", sample.mag_gauss, 1.0 / size))
+            for name, vector, factor in measured:
+                arrow = scale(factor, rotate(record.q_ned_frd, vector))
+                self._log(f"/bodies/{self._name}/{name}", rr.Arrows3D.from_fields(vectors=[arrow]))
             self._log_changes(State(record.state), record, now_us)
         for source, q_ned_frd in self.others.items():
             if self._is_due(source, now_us, q_ned_frd):
@@ -166,16 +172,6 @@ class Track:
                 points = [nan if abs(new - old) > 180.0 else new for old, new in pairs]
                 self._angles_deg[path] = now
             self._log(path, rr.Scalars(points))
-
-    def _add_measured(self, q_ned_frd: Quaternion, sample: ImuSample) -> None:
-        """Gravity and field as they were measured, in NED by our attitude."""
-        measured = {"gravity": (sample.acc_m_s2, -1.0 / STANDARD_GRAVITY_M_S2)}
-        size = norm(sample.mag_gauss)
-        if sample.has_mag and size > 0.0:
-            measured["field"] = (sample.mag_gauss, 1.0 / size)
-        for name, (vector, factor) in measured.items():
-            arrow = rr.Arrows3D.from_fields(vectors=[scale(factor, rotate(q_ned_frd, vector))])
-            self._log(f"/bodies/{self._name}/{name}", arrow)
 
     def _add_other(self, source: str, q_ned_frd: Quaternion, ours: AttitudeRecord) -> None:
         """Another's angles, and how far it is from ours.
