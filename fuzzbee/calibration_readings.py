@@ -87,7 +87,9 @@ def recording(path: Path, trace: VehicleTrace, field: PlaceField | None) -> Reco
     first_s, last_s = times_s[rows][[0, -1]]
     if last_s - first_s < LEAST_S:
         raise InputError(f"{path}: shorter than {LEAST_S:g} s")
-    at_s, velocity_ned_m_s = _velocities(trace)
+    most = max(trace.velocities.values(), key=len, default=Table(**VELOCITIES))  # by message
+    order = np.argsort(most["time_us"], kind="stable")
+    at_s = 1e-6 * most["time_us"][order]
     within = (at_s >= first_s) & (at_s <= last_s)
     mag, place = trace["mag_gauss"][rows], field or trace.vehicle.estimator.place_field
     return Recording(
@@ -98,7 +100,7 @@ def recording(path: Path, trace: VehicleTrace, field: PlaceField | None) -> Reco
         trace["has_mag"][rows] & mag.any(axis=1),
         q[rows],
         at_s[within],
-        velocity_ned_m_s[within],
+        most["velocity_ned_m_s"][order][within],
         None if place is None else np.array(in_ned(place)),
     )
 
@@ -110,10 +112,3 @@ def _liveliest(times_s: Floats, gyr: Floats, known: Bools) -> slice:
     turned = np.concatenate([[0.0], np.cumsum((gyr**2).sum(axis=1))])
     begin = first + int(np.argmax(turned[ends[first:]] - turned[first : len(ends)]))
     return slice(begin, int(ends[begin]) + 1)
-
-
-def _velocities(trace: VehicleTrace) -> tuple[Floats, Floats]:
-    """Times (M,) in s and velocities (M, 3) of the message that has most of them, in order."""
-    most = max(trace.velocities.values(), key=len, default=Table(**VELOCITIES))
-    order = np.argsort(most["time_us"], kind="stable")
-    return 1e-6 * most["time_us"][order], most["velocity_ned_m_s"][order]

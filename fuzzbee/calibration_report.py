@@ -14,14 +14,8 @@ import numpy as np
 
 from drivers.logs.table import blocks
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
-from drivers.mavlink.ardupilot import (
-    AXES,
-    COMPASS,
-    MOTORS,
-    corrected,
-    inertial_parameters,
-    orientation,
-)
+from drivers.mavlink import ardupilot
+from drivers.mavlink.ardupilot import AXES, COMPASS, MOTORS
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
 from estimator.arrays import Floats
 from estimator.calibration import UNCHANGED, Calibration, Mounting
@@ -100,25 +94,25 @@ def report_calibration(
             of_compass = _report_compass(paths[0], first, field, messages[0], compass)
         except InputError as error:
             why = error
-    fit, ardupilot, found = None, dict[str, float](), Calibration()
+    fit, parameters, found = None, dict[str, float](), Calibration()
     if is_fast:
         try:
             fit = fit_sensors([recording(*run, field) for run in runs])
         except np.linalg.LinAlgError as error:
             raise InputError(f"{paths[0]}: nothing fits these readings: {error}") from None
         found = fit.found
-        ardupilot = inertial_parameters(first.parameters, first.message, found)
+        parameters = ardupilot.inertial_parameters(first.parameters, first.message, found)
     if of_compass is not None:
         iron = {"mag_matrix": UNCHANGED, **of_compass["calibration"]}
         found = msgspec.structs.replace(found, **iron)
-        ardupilot |= of_compass["ardupilot"]
+        parameters |= of_compass["ardupilot"]
     if found.is_plain:
         raise why
     if first.kind[0] not in (None, MAV_AUTOPILOT_ARDUPILOTMEGA):
-        ardupilot = {}
+        parameters = {}
     refused = [f"{path}: {text}" for path, trace in runs if (text := refused_text(trace))]
     in_sensor = in_sensor_axes(found, profile.mounting)
-    return CalibrationReport([*map(str, paths)], in_sensor, ardupilot, fit, of_compass, refused)
+    return CalibrationReport([*map(str, paths)], in_sensor, parameters, fit, of_compass, refused)
 
 
 def _report_compass(
@@ -150,10 +144,10 @@ def _report_compass(
         )
     number = message if compass is None else NUMBERED.get(compass, "")
     parameters: dict[str, float] = {}
-    set_to = None if turn is None else orientation(turn, trace.parameters, number)
+    set_to = None if turn is None else ardupilot.orientation(turn, trace.parameters, number)
     if turn is None:
         irons = fit.offset_gauss, fit.matrix, fit.current_gauss_a
-        parameters = corrected(trace.parameters, number, *irons)
+        parameters = ardupilot.corrected(trace.parameters, number, *irons)
         parameters = unmixed(trace.parameters, parameters)
     elif set_to is not None:  # offsets need another flight with it set right
         parameters = {set_to.parameter: float(set_to.value)}

@@ -14,16 +14,9 @@ import numpy as np
 from rich.console import Console, Group
 from rich.text import Text
 
+from fuzzbee import verdict
 from fuzzbee.latest import Row
-from fuzzbee.verdict import (
-    POINTS,
-    Judgement,
-    Level,
-    compass_off_deg,
-    differing,
-    heading_text,
-    row_verdict,
-)
+from fuzzbee.verdict import Judgement, Level, heading_text
 from service.records import AttitudeRecord, Autopilot
 
 LEAST_WIDTH, LEAST_HEIGHT = 40, 12  # of a window that has room for it
@@ -85,14 +78,19 @@ def screen(row: Row, width: int, height: int, console: Console, message: str = "
 
     In the characters and colours of the console.
     """
-    attitude, judged = row.valid_attitude, row_verdict(row)
-    tail = [*_figures(attitude, judged, width), _caveats(judged, width)]
+    attitude, judged = row.valid_attitude, verdict.row_verdict(row)
+    caveats = Text()
+    for caveat in judged.caveats:  # the worst first, as many as fit
+        if len(caveats) + len(caveat.text) + 3 > width:
+            break
+        caveats.append(f" {caveat.text} ", LEVEL_STYLE[caveat.level]).append(" ")
+    tail = [*_figures(attitude, judged, width), caveats]
     rows = height - 2 - len(tail)  # less the bar and the message
     flight = "  ".join(row.flight_words)
     if attitude is None:
         drawn = _cross(judged, flight, width, rows)
     else:
-        off = differing(row.status), compass_off_deg(row.status)
+        off = verdict.differing(row.status), verdict.compass_off_deg(row.status)
         scene = _Scene(attitude, judged, *off, width, rows - 2)  # less the tape
         drawn = [*_tape(scene), *_horizon(scene, flight, _paint(judged, console))]
     if not console.encoding.startswith("utf"):
@@ -121,7 +119,7 @@ def _tape(scene: _Scene) -> list[Text]:
     has_north = attitude.heading_reference != "none"
     low = int(yaw - middle * TAPE_DEG_PER_CELL) // 15 * 15
     for degree in range(low, low + int(width * TAPE_DEG_PER_CELL) + 30, 15):
-        point = POINTS.get(degree % 360) if has_north else None
+        point = verdict.POINTS.get(degree % 360) if has_north else None
         name = point or f"{degree % 360:03}"
         cell = middle + round((degree - yaw) / TAPE_DEG_PER_CELL)
         if degree % 45 == 0 or degree % 30 == 0:
@@ -243,17 +241,6 @@ def _figures(attitude: AttitudeRecord | None, judged: Judgement, width: int) -> 
     below = Text(horizon, style=LEVEL_COLOUR[judged.horizon])
     below.append(judged.heading_text.center(third), style=LEVEL_COLOUR[judged.heading])
     return [line, below]
-
-
-def _caveats(judged: Judgement, width: int) -> Text:
-    """The reasons, the worst first, as many as fit."""
-    line = Text()
-    for caveat in judged.caveats:
-        if len(line) + len(caveat.text) + 3 > width:
-            break
-        line.append(f" {caveat.text} ", LEVEL_STYLE[caveat.level])
-        line.append(" ")
-    return line
 
 
 def _letters(line: dict[int, str], width: int) -> str:

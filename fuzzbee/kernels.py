@@ -29,15 +29,6 @@ MODULES = (
 LONGEST = ("advance", "take_report")
 
 
-def named_kernels() -> list[tuple[str, str]]:
-    """Module and name of each kernel whose types are known."""
-    for module in MODULES:
-        importlib.import_module(module)
-    functions = [kernel.py_func for kernel in called_kernels()]
-    found = [(function.__module__, function.__name__) for function in functions]
-    return sorted(found, key=lambda each: each[1] not in LONGEST)
-
-
 def build_one(module: str, name: str) -> None:
     """Compile one kernel, or find it where kernels are kept."""
     build(getattr(importlib.import_module(module), name))
@@ -55,7 +46,12 @@ def main() -> int:
         ProcessPoolExecutor(os.cpu_count() or 1, get_context("spawn")) as pool,
         Progress(*columns, console=console, transient=True) as bar,
     ):
-        jobs = [pool.submit(build_one, *each) for each in named_kernels()]
+        for module in MODULES:
+            importlib.import_module(module)
+        functions = [kernel.py_func for kernel in called_kernels()]  # whose types are known
+        names = [(function.__module__, function.__name__) for function in functions]
+        names.sort(key=lambda each: each[1] not in LONGEST)
+        jobs = [pool.submit(build_one, *each) for each in names]
         for job in bar.track(as_completed(jobs), len(jobs)):
             job.result()
     console.print(f"the filter is compiled, {time.monotonic() - begin_s:.0f} s: {path}")

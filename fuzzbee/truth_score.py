@@ -61,7 +61,18 @@ class TruthScore:
         """Compare the attitude of a sample with the truth then; lines about what begins."""
         time_s = 1e-6 * time_us
         if attitude is not None:
-            self._add(attitude, truth, time_s)
+            total, heading, inclination = map(degrees, angle_errors(attitude.q_ned_frd, truth))
+            errors = np.array([total, inclination, heading])
+            self._count += 1
+            self._squares += errors * errors
+            sigmas = attitude.sigma_inclination_rad, attitude.sigma_heading_rad
+            self._under_sigma += errors[1:] <= np.degrees(sigmas)
+            before = errors if self._smooth is None else self._smooth
+            self._smooth = before + SMOOTHED * (errors - before)
+            if total > self._worst or self._count == 1:
+                self._worst, self._worst_s = total, time_s
+            off = "truth: {:.1f}° off (horizon {:.1f}°, heading {:.1f}°)"
+            self.line = off.format(*self._smooth.tolist())
         number, here = self._here(time_s)
         lines = [each.line for each in here if (number, each.line) not in self._announced]
         self._announced.update((number, line) for line in lines)
@@ -72,20 +83,6 @@ class TruthScore:
         number, in_round_s = divmod(time_s, ROUND_S if self.motion == "flight" else inf)
         chapters = CHAPTERS.get(self.motion or "", ())
         return int(number), [c for c in chapters if c.begin_s <= in_round_s < c.end_s]
-
-    def _add(self, attitude: Attitude, truth: Quaternion, time_s: float) -> None:
-        total, heading, inclination = map(degrees, angle_errors(attitude.q_ned_frd, truth))
-        errors = np.array([total, inclination, heading])
-        self._count += 1
-        self._squares += errors * errors
-        sigmas = attitude.sigma_inclination_rad, attitude.sigma_heading_rad
-        self._under_sigma += errors[1:] <= np.degrees(sigmas)
-        before = errors if self._smooth is None else self._smooth
-        self._smooth = before + SMOOTHED * (errors - before)
-        if total > self._worst or self._count == 1:
-            self._worst, self._worst_s = total, time_s
-        total, inclination, heading = self._smooth.tolist()
-        self.line = f"truth: {total:.1f}° off (horizon {inclination:.1f}°, heading {heading:.1f}°)"
 
     def result(self) -> dict[str, Any] | None:
         """The verdict as numbers (deg), None if nothing was compared."""

@@ -6,15 +6,9 @@ from typing import NamedTuple
 
 from fuzzbee.latest import Row
 from fuzzbee.notify import printable
+from service import records
 from service.alarms import AXES, Alarm
-from service.records import (
-    HAS_ATTITUDE,
-    AttitudeRecord,
-    Autopilot,
-    ImuDifference,
-    State,
-    StatusRecord,
-)
+from service.records import State
 from service.second_opinion import Verdict
 
 # Bounds of sigma in degrees. An eye sees 3 degrees on an artificial horizon; at 10 a climb can be
@@ -76,16 +70,16 @@ class Judgement(NamedTuple):
 
 def verdict_of(
     state: State,
-    attitude: AttitudeRecord | None,
-    status: StatusRecord | None = None,
-    before: StatusRecord | None = None,
+    attitude: records.AttitudeRecord | None,
+    status: records.StatusRecord | None = None,
+    before: records.StatusRecord | None = None,
 ) -> Judgement:
     """What to think of a vehicle's ``attitude``, None if it is not valid any more.
 
     ``before`` is the status before ``status``: what grows between them is happening now.
     """
     service = _of_service(status, before)
-    if attitude is None or state not in HAS_ATTITUDE:
+    if attitude is None or state not in records.HAS_ATTITUDE:
         why = Caveat(Level.NONE, WHY_NONE.get(state, "IMU silent"))
         return _judged(Level.NONE, Level.NONE, [why, *service])
     sigma, north = attitude.sigma_deg, attitude.heading_reference
@@ -131,7 +125,7 @@ def _judged(horizon: Level, heading: Level, caveats: list[Caveat], *texts: str) 
     return Judgement(overall, horizon, heading, tuple(worst_first), *texts)
 
 
-def _of_warnings(status: StatusRecord) -> list[Caveat]:
+def _of_warnings(status: records.StatusRecord) -> list[Caveat]:
     """What contradicts the attitude whatever sigma is; words of other versions are counted."""
     known = [Alarm(word) for word in status.warnings if word in {*Alarm}]
     caveats = [
@@ -150,7 +144,7 @@ def _of_warnings(status: StatusRecord) -> list[Caveat]:
     return [*caveats, *(Caveat(level, text) for text in off)]
 
 
-def warning_texts(word: str, status: StatusRecord) -> tuple[str, str]:
+def warning_texts(word: str, status: records.StatusRecord) -> tuple[str, str]:
     """A warning in few words and in a sentence; one of another version keeps its own name.
 
     Of another attitude they have how far it is off, and who is likely wrong.
@@ -169,19 +163,19 @@ def warning_texts(word: str, status: StatusRecord) -> tuple[str, str]:
     return short, meaning
 
 
-def differing(status: StatusRecord | None) -> Autopilot | None:
+def differing(status: records.StatusRecord | None) -> records.Autopilot | None:
     """The autopilot's attitude beside ours, if it differs."""
     theirs = None if status is None else status.autopilot
     return theirs if theirs is not None and theirs.verdict == Verdict.DIFFERS else None
 
 
-def compass_off_deg(status: StatusRecord | None) -> float | None:
+def compass_off_deg(status: records.StatusRecord | None) -> float | None:
     """The compass's own heading less ours, where they disagree."""
     off_deg = None if status is None else status.compass_off_deg
     return None if off_deg is None or abs(off_deg) <= COMPASS_DEG else off_deg
 
 
-def other_imus(status: StatusRecord) -> dict[str, ImuDifference]:
+def other_imus(status: records.StatusRecord) -> dict[str, records.ImuDifference]:
     """The difference of each other IMU from the one in use, by a short name: "IMU 2"."""
     own = _imu_number(status.imu_message or "")
     numbers = {message: _imu_number(message) for message in status.other_imus}
@@ -189,7 +183,7 @@ def other_imus(status: StatusRecord) -> dict[str, ImuDifference]:
     return dict(zip(names, status.other_imus.values(), strict=True))
 
 
-def imus_off(status: StatusRecord) -> list[str]:
+def imus_off(status: records.StatusRecord) -> list[str]:
     """The IMUs that differ from the one in use by more than two sound ones, and by how much."""
     lines = []
     for name, each in other_imus(status).items():
@@ -205,7 +199,9 @@ def _imu_number(message: str) -> int:
     return 1 if found is None else int(found[2]) + bool(found[1])
 
 
-def _of_service(status: StatusRecord | None, before: StatusRecord | None) -> list[Caveat]:
+def _of_service(
+    status: records.StatusRecord | None, before: records.StatusRecord | None
+) -> list[Caveat]:
     """What the service has lost since its last status.
 
     A busy computer is no reason to distrust the attitude: sigma knows how old it is.
@@ -233,7 +229,7 @@ def plus_minus(sigma_deg: float) -> str:
     return f"±{sigma_deg:.1f}°" if sigma_deg < 10.0 else f"±{sigma_deg:.0f}°"
 
 
-def heading_text(attitude: AttitudeRecord) -> str:
+def heading_text(attitude: records.AttitudeRecord) -> str:
     """Three digits; in brackets if they refer to nothing."""
     text = f"{round(attitude.euler_deg[2]) % 360:03}°"
     return f"({text})" if attitude.heading_reference == "none" else text

@@ -13,7 +13,6 @@ from estimator.geometry.rotations import exp as exp_turns
 from estimator.geometry.rotations import multiply
 from estimator.live.rows import cut
 from estimator.profile import Profile
-from tuning.calls import Course
 from tuning.flight import Flight, fly
 from tuning.prediction import heading_errors, predicted_vectors
 
@@ -101,10 +100,19 @@ def geometric_mean(costs: list[float]) -> float:
 
 
 def measure(profile: Profile, flight: Flight) -> FlightFigures:
-    """Fly with ``profile`` and score it, against the reference wherever it is known."""
+    """Fly with ``profile`` and score it, against the reference wherever it is known.
+
+    Without one by the errors of the vectors that the estimate predicts, which have no sigma.
+    """
     course, window = fly(flight, profile), flight.window
     if flight.reference == "none":
-        return _without_truth(flight, course)
+        rows = cut(flight.rows, 0, flight.last)
+        down, field = predicted_vectors(rows, course.q_ned_frd, course.bias_rad_s, flight.first)
+        level = np.arctan2(np.hypot(down[:, 0], down[:, 1]), down[:, 2])
+        seen = (errors[np.isfinite(errors)] for errors in (level, heading_errors(field)))
+        sizes = [float(np.degrees(rms(errors))) if len(errors) else None for errors in seen]
+        tilt, turn = (None if size is None else Figure(size, 0.0, None) for size in sizes)
+        return FlightFigures(tilt or Figure(180.0, 0.0, None), turn)
     known = flight.known[window]
     truth_sigma = None if flight.truth_sigma_rad is None else flight.truth_sigma_rad[window]
     sigma = np.degrees(course.sigma_rad[window])
@@ -151,16 +159,3 @@ def score_errors(errors: Floats, sigma: Floats) -> Figure:
     off = errors - sigma
     loss = np.where(off > 0.0, SHARE * off, (SHARE - 1.0) * off)
     return Figure(rms(errors), float(loss.mean()), float(np.mean(off <= 0.0)))
-
-
-def _without_truth(flight: Flight, course: Course) -> FlightFigures:
-    """Errors of the vectors that the estimate predicts, which have no sigma."""
-    rows = cut(flight.rows, 0, flight.last)
-    down, field = predicted_vectors(rows, course.q_ned_frd, course.bias_rad_s, flight.first)
-    level = np.arctan2(np.hypot(down[:, 0], down[:, 1]), down[:, 2])
-    known = [errors[np.isfinite(errors)] for errors in (level, heading_errors(field))]
-    figures = [
-        Figure(float(np.degrees(rms(errors))), 0.0, None) if len(errors) else None
-        for errors in known
-    ]
-    return FlightFigures(figures[0] or Figure(180.0, 0.0, None), figures[1])

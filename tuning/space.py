@@ -7,7 +7,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from estimator.arrays import Floats
-from estimator.calibration import UNCHANGED, Calibration, Mounting
+from estimator.calibration import UNCHANGED, Mounting
 from estimator.errors import InputError
 from estimator.filter.memberships import CHAINS, LOWER, NAMES, UPPER
 from estimator.geometry.quaternion import rotate
@@ -197,21 +197,17 @@ def profile_with(space: Space, base: Profile, values: Floats) -> Profile:
         section, key = parameter.address
         changes.setdefault(section, {})[key] = value
     turn_rad = changes.pop("calibration", {}).get(COMPASS_TURN, 0.0)
-    if turn_rad != 0.0:
-        base = replace(base, calibration=_compass_turned(base, turn_rad))
+    if turn_rad != 0.0:  # the compass's readings about the body's down
+        R, (c, s) = sensor_axes(base.mounting), (cos(turn_rad), sin(turn_rad))
+        turn = R.T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
+        matrix = (turn @ np.array(base.calibration.mag_matrix)).round(6).tolist()
+        turned = replace(base.calibration, mag_matrix=tuple(map(tuple, matrix)))
+        base = replace(base, calibration=turned)
     sections: dict[str, Any] = {}
     for name, keys in changes.items():
         old = getattr(base, name)
         sections[name] = {**old, **keys} if isinstance(old, dict) else replace(old, **keys)
     return parse_profile(profile_to_toml(replace(base, **sections)), "tuned")
-
-
-def _compass_turned(profile: Profile, turn_rad: float) -> Calibration:
-    """The profile's calibration with the compass's readings turned about the body's down."""
-    R, (c, s) = sensor_axes(profile.mounting), (cos(turn_rad), sin(turn_rad))
-    turn = R.T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
-    matrix = (turn @ np.array(profile.calibration.mag_matrix)).round(6).tolist()
-    return replace(profile.calibration, mag_matrix=tuple(map(tuple, matrix)))
 
 
 def sensor_axes(mounting: Mounting) -> Floats:

@@ -100,7 +100,13 @@ def replay(options: ReplayOptions) -> None:
     """Estimate over logs and score it against a reference."""
     _require_numbers(options)
     if SIMULATION in options.sources:
-        _require_simulation(options)
+        if len(options.sources) > 1:
+            raise InputError("replay: sim: stands alone, not beside logs")
+        if len(options.profile or ()) > 1:
+            raise InputError("replay: sim: takes one --profile")
+        for names, why in FOR_LOGS.items():
+            for flag in opt.asked_for(options, *names.split()):
+                raise InputError(f"{flag} is for logs{why}")
         _replay_simulation(options)
         return
     if options.smooth and options.retune:
@@ -127,17 +133,6 @@ def _require_numbers(options: ReplayOptions) -> None:
                 f"{source}: replay takes sim: (the paper's experiment) or a log;"
                 " fuzzbee run URL --record FILE makes one of fuzzbee sim"
             )
-
-
-def _require_simulation(options: ReplayOptions) -> None:
-    """Refuse what is for logs."""
-    if len(options.sources) > 1:
-        raise InputError("replay: sim: stands alone, not beside logs")
-    if len(options.profile or ()) > 1:
-        raise InputError("replay: sim: takes one --profile")
-    for names, why in FOR_LOGS.items():
-        for flag in opt.asked_for(options, *names.split()):
-            raise InputError(f"{flag} is for logs{why}")
 
 
 def _exports(

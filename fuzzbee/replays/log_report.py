@@ -44,23 +44,18 @@ def report_log(
     if how.start_wrong_deg:
         quiet = how._replace(notify=AS_LIVE.notify, system_id=trace.address.system_id)
         right = replay_log(path, profile, quiet._replace(start_wrong_deg=0.0))
-        report = replace(report, convergence_s=_forgotten_s(trace, right))
+        # When nothing is left of a wrong start, beside the attitude without it: beside the truth
+        # it would count what is learnt of the declination or the vertical meanwhile. Another IMU
+        # may stand in after a turn: at other times.
+        since = int(np.searchsorted(trace["time_us"], trace.turned_at_us or 0))
+        times_us, q = trace["time_us"][since:], trace["q_ned_frd"][since:]
+        beside = attitudes_at(times_us, right["time_us"], right["q_ned_frd"])
+        forgotten_s = convergence_s(times_us, batch_angle_errors(q, beside)[:, 0])
+        report = replace(report, convergence_s=forgotten_s)
     for write in exports:
         write(trace)
     took_s = time.perf_counter() - started
     return replace(report, wall_s=took_s, profile=profile_name or msgspec.UNSET)
-
-
-def _forgotten_s(trace: VehicleTrace, right: VehicleTrace) -> float | None:
-    """When nothing is left of a wrong start (s after it): the attitude beside that without it.
-
-    Beside the truth it would count what is learnt of the declination or the vertical meanwhile.
-    """
-    since = int(np.searchsorted(trace["time_us"], trace.turned_at_us or 0))
-    times_us = trace["time_us"][since:]
-    # another IMU may stand in after a turn: at other times
-    beside = attitudes_at(times_us, right["time_us"], right["q_ned_frd"])
-    return convergence_s(times_us, batch_angle_errors(trace["q_ned_frd"][since:], beside)[:, 0])
 
 
 def replay_log(path: Path, profile: Profile, how: How = AS_LIVE) -> VehicleTrace:

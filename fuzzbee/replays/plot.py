@@ -64,9 +64,19 @@ def draw(title: str, path: Path, trace: VehicleTrace) -> None:
     """Draw a trace that has been compared into a file; its suffix is the format."""
     time_s, points = trace.time_s, Thinned(trace.time_s)
     span = (float(time_s[0]), max(float(time_s[-1]), time_s[0] + 1e-3))
+    shown: dict[str, dict[str, Any]] = {}  # columns of attitudes, and how they look
+    if trace.reference is not None:
+        name = REFERENCES[trace.reference]
+        shown["reference_q_ned_frd"] = {"color": BLACK, "label": name, "lw": 1.6}
+    if trace.has_peer:
+        look = {"color": "tab:green", "label": "autopilot", "lw": 0.9, "ls": "--"}
+        shown["autopilot_q_ned_frd"] = look
+    shown["q_ned_frd"] = {"color": "tab:orange", "label": "estimate"}
     with written_figure(path, title, PAGE_INCHES, is_over_log=True) as sheet:
         axes = sheet.subplots(8, 1, subplot_kw={"xlim": span})
-        _draw_attitudes(axes[:3], trace, points)
+        for name, look in shown.items():
+            draw_angles(axes[:3], points.time_s, points.every(trace[name]), **look)
+        add_legend(axes[0], len(shown))
         _draw_errors(axes[3:5], trace, points)
         _draw_internals(axes[5:], trace, points)
         _draw_times(axes, trace, time_s, NEAR * (span[1] - span[0]))
@@ -80,21 +90,6 @@ def draw_angles(axes: Sequence[Any], time_s: Floats, q_ned_frd: Floats, **look: 
     for ax, name, angle in zip(axes, ("roll", "pitch", "heading"), angles.T, strict=True):
         ax.plot(time_s, angle, **look)
         ax.set_ylabel(f"{name} in °")
-
-
-def _draw_attitudes(axes: Sequence[Any], trace: VehicleTrace, points: Thinned) -> None:
-    """The reference, the autopilot beside a truth, and the estimate."""
-    shown: list[tuple[str, dict[str, Any]]] = []
-    if trace.reference is not None:
-        look = {"color": BLACK, "label": REFERENCES[trace.reference], "lw": 1.6}
-        shown.append(("reference_q_ned_frd", look))
-    if trace.has_peer:
-        look = {"color": "tab:green", "label": "autopilot", "lw": 0.9, "ls": "--"}
-        shown.append(("autopilot_q_ned_frd", look))
-    shown.append(("q_ned_frd", {"color": "tab:orange", "label": "estimate"}))
-    for name, look in shown:
-        draw_angles(axes, points.time_s, points.every(trace[name]), **look)
-    add_legend(axes[0], len(shown))
 
 
 def _draw_errors(axes: Sequence[Any], trace: VehicleTrace, points: Thinned) -> None:

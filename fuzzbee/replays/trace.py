@@ -9,17 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drivers.events import (
-    Event,
-    Heartbeat,
-    Imu,
-    ModeChange,
-    Parameter,
-    ReferenceAttitude,
-    StatusText,
-    VehicleId,
-    Velocity,
-)
+from drivers import events
 from drivers.logs.log_file import LogFile
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.logs.table import Table
@@ -94,7 +84,7 @@ class VehicleTrace(Table):
     Its columns are :data:`COLUMNS`, and those that :func:`fuzzbee.replays.score.compare` adds.
     """
 
-    def __init__(self, address: VehicleId) -> None:
+    def __init__(self, address: events.VehicleId) -> None:
         super().__init__(**COLUMNS)
         self.address = address
         self.vehicle: Vehicle  # since the first sample
@@ -114,13 +104,6 @@ class VehicleTrace(Table):
         self.modes: list[tuple[int, int]] = []
         self.arming: list[tuple[int, int]] = []
         self.texts: dict[str, int] = {}
-
-    def note_mode(self, event: Heartbeat | ModeChange) -> None:
-        """Keep what mode it is in and whether it is armed, if that is new."""
-        known: list[Any]
-        for known, value in ((self.modes, event.custom_mode), (self.arming, event.is_armed)):
-            if value is not None and (not known or known[-1][1] != value):
-                known.append((event.arrival_us, value))
 
     @property
     def message(self) -> str:
@@ -185,10 +168,10 @@ class VehicleTrace(Table):
         return np.array(1e-6 * (self["time_us"] - self.zero_us), dtype=float)
 
 
-class Traces(dict[VehicleId, VehicleTrace]):
+class Traces(dict[events.VehicleId, VehicleTrace]):
     """Those of all vehicles that sent anything."""
 
-    def __missing__(self, address: VehicleId) -> VehicleTrace:
+    def __missing__(self, address: events.VehicleId) -> VehicleTrace:
         self[address] = VehicleTrace(address)
         return self[address]
 
@@ -212,7 +195,7 @@ class Replay:
         kind = RetunedEstimator if self._how.retune else Estimator
         return kind(profile, self._how.fixed_gain)
 
-    def run(self, events: Iterable[Event]) -> None:
+    def run(self, events: Iterable[events.Event]) -> None:
         """Take all events; a log skips what a live link skips."""
         if isinstance(events, LogFile):
             events.follow(self.pipeline.imu_in_use)
@@ -229,28 +212,31 @@ class Replay:
         sending = [trace for trace in self.traces.values() if len(trace)]
         return max(sending, key=lambda t: (len(t), -t.address.system_id), default=None)
 
-    def _take(self, event: Event) -> None:
+    def _take(self, event: events.Event) -> None:
         for output in self.pipeline.handle(event):
             if isinstance(output, Message):
                 self._how.notify(output.text)
         match event:
-            case Imu():
+            case events.Imu():
                 self._after_imu(event)
-            case ReferenceAttitude(vehicle=address, source=source):
+            case events.ReferenceAttitude(vehicle=address, source=source):
                 self.traces[address].references[source].add(event)
-            case Velocity(vehicle=address, message=name, sample=sample):
+            case events.Velocity(vehicle=address, message=name, sample=sample):
                 self.traces[address].velocities[name].append(*sample[: len(VELOCITIES)])
-            case Parameter(vehicle=address, name=name, value=value):
+            case events.Parameter(vehicle=address, name=name, value=value):
                 self.traces[address].parameters[name] = value
-            case StatusText() if event.severity <= LEAST_SEVERITY:
+            case events.StatusText() if event.severity <= LEAST_SEVERITY:
                 self.traces[event.vehicle].texts.setdefault(event.text, event.arrival_us)
-            case Heartbeat() | ModeChange():
+            case events.Heartbeat() | events.ModeChange():
                 trace = self.traces[event.vehicle]
-                trace.note_mode(event)
-                if isinstance(event, Heartbeat):
+                new = (trace.modes, event.custom_mode), (trace.arming, event.is_armed)
+                for known, now in new:
+                    if now is not None and (not known or known[-1][1] != now):
+                        known.append((event.arrival_us, now))
+                if isinstance(event, events.Heartbeat):
                     trace.kind = event.autopilot, event.vehicle_type
 
-    def _after_imu(self, event: Imu) -> None:
+    def _after_imu(self, event: events.Imu) -> None:
         vehicle = self.pipeline.vehicle(event.vehicle)
         sample = None if vehicle is None else vehicle.imu.last_sample
         if vehicle is None or sample is None or vehicle.imu.last is not event:

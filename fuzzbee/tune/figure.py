@@ -33,7 +33,11 @@ def draw(folder: Path, task: Task, tuned: Profile, search: Search) -> None:
     panels = 1 + isinstance(task, PaperTask) + len(flights) + 2 * task.tunes_memberships
     with written_figure(folder / NAME, "", (WIDTH_IN, HEIGHT_IN * panels)) as sheet:
         first, *axes = sheet.subplots(panels, squeeze=False)[:, 0]
-        _draw_convergence(first, search)
+        evaluations, history = [p.evaluations for p in search.history], search.history
+        first.plot(evaluations, [p.mean_cost for p in history], label="mean of the population")
+        first.plot(evaluations, [p.best_cost for p in history], label="best so far")
+        first.set(xlabel="evaluations", ylabel="cost J", title="Convergence of the search")
+        add_legend(first, 2)
         if isinstance(task, PaperTask):
             _draw_error_over_time(axes[0], task, tuned)
         for ax, flight in zip(axes, flights, strict=False):
@@ -42,15 +46,6 @@ def draw(folder: Path, task: Task, tuned: Profile, search: Search) -> None:
             before, after = fuzzy_sets(task.base.k), fuzzy_sets(tuned.k)
             _draw_sets(axes[-2], "e, |de/dt| in 1/s", before.inputs, after.inputs)
             _draw_sets(axes[-1], "k_op", before.output, after.output)
-
-
-def _draw_convergence(axes: Any, search: Search) -> None:
-    """Best and mean cost of the population over the evaluations."""
-    evaluations = [p.evaluations for p in search.history]
-    axes.plot(evaluations, [p.mean_cost for p in search.history], label="mean of the population")
-    axes.plot(evaluations, [p.best_cost for p in search.history], label="best so far")
-    axes.set(xlabel="evaluations", ylabel="cost J", title="Convergence of the search")
-    add_legend(axes, 2)
 
 
 def _draw_error_over_time(axes: Any, task: PaperTask, tuned: Profile) -> None:

@@ -35,65 +35,63 @@ FOR_LOGS = {
 # Food sources and cycles. A flight flown again takes a tenth of a second, the signals 50 us.
 SIMULATION_BUDGET, LOG_BUDGET = (100, 300), (10, 15)
 
+# A task, its inputs, what its cost is measured against, and noise seeds
+Source = tuple[tasks.Task, list[dict[str, str]], str, dict[str, str]]
+
 
 class Plan(NamedTuple):
-    """What is searched, and on what: the inputs, what the cost is measured against, noise seeds."""
+    """What is searched, how, and what the cost is measured against.
+
+    ``identity`` is everything that determines the result, as plain JSON values, for the file's
+    provenance: options (what was left to a default counts as if it had been given), inputs, seeds
+    and the version.
+    """
 
     request: TuneRequest
     task: tasks.Task
-    inputs: list[dict[str, str]]
+    options: SearchOptions
     reference: str
-    seeds: dict[str, str]
-
-    @property
-    def options(self) -> SearchOptions:
-        """Those of the search."""
-        return _search_options(self.request, len(self.task.space))
-
-    @property
-    def identity(self) -> dict[str, Any]:
-        """Everything that determines the result, as plain JSON values, for the file's provenance.
-
-        What was left to a default counts as if it had been given.
-        """
-        request, search = self.request, self.options
-        begin, end = time_window(request.begin, request.end)
-        base = request.base or (MIDPOINT if request.is_simulated else "imu")
-        if base not in (*SHIPPED, MIDPOINT):  # a file's name does not fix its content
-            base = f"sha256:{sha256(profile_to_toml(self.task.before).encode()).hexdigest()}"
-        options: dict[str, Any] = {
-            "command": "tune",
-            "algorithm": search.algorithm,
-            "sources": search.food_sources,
-            "cycles": search.cycles,
-            "parameters": ",".join(self.task.groups),
-            "base": base,
-            "limit": search.limit if search.algorithm == "abc" else None,
-            "objective": None if request.is_simulated else self.task.goal,
-            "reference": request.reference,
-            "from": begin,
-            "to": end,
-        }
-        return {
-            "options": {name: value for name, value in options.items() if value is not None},
-            "inputs": self.inputs,
-            "seeds": {"search": request.seed, **self.seeds},
-            "version": __version__,
-        }
+    identity: dict[str, Any]
 
 
 def plan(request: TuneRequest) -> Plan:
     """Check everything and prepare the search; prints what each log is for."""
-    _search_options(request)
-    output = request.output
+    search, output = _search_options(request), request.output
     if output.is_dir():
         raise InputError(f"-o {output}: a folder, not a file")
     if not os.access(output.parent, os.W_OK):
         raise InputError(f"-o {output}: the folder cannot be written to")
-    return _paper(request) if request.is_simulated else _logs(request)
+    task, inputs, reference, seeds = (_paper if request.is_simulated else _logs)(request)
+    if request.limit is None:
+        search = search._replace(limit=search.food_sources * len(task.space))
+    begin, end = time_window(request.begin, request.end)
+    base = request.base or (MIDPOINT if request.is_simulated else "imu")
+    if base not in (*SHIPPED, MIDPOINT):  # a file's name does not fix its content
+        base = f"sha256:{sha256(profile_to_toml(task.before).encode()).hexdigest()}"
+    options: dict[str, Any] = {
+        "command": "tune",
+        "algorithm": search.algorithm,
+        "sources": search.food_sources,
+        "cycles": search.cycles,
+        "parameters": ",".join(task.groups),
+        "base": base,
+        "limit": search.limit if search.algorithm == "abc" else None,
+        "objective": None if request.is_simulated else task.goal,
+        "reference": request.reference,
+        "from": begin,
+        "to": end,
+    }
+    identity = {
+        "options": {name: value for name, value in options.items() if value is not None},
+        "inputs": inputs,
+        "seeds": {"search": request.seed, **seeds},
+        "version": __version__,
+    }
+    return Plan(request, task, search, reference, identity)
 
 
-def _search_options(request: TuneRequest, parameters: int = 0) -> SearchOptions:
+def _search_options(request: TuneRequest) -> SearchOptions:
+    """Those of the search, checked; a limit that was not given is still 0."""
     algorithm, limit = request.algorithm, request.limit
     sources, cycles = SIMULATION_BUDGET if request.is_simulated else LOG_BUDGET
     sources = sources if request.food_sources is None else request.food_sources
@@ -112,8 +110,7 @@ def _search_options(request: TuneRequest, parameters: int = 0) -> SearchOptions:
             raise InputError(f"{option} {number}: at least 1 is needed")
     if request.seed < 0:
         raise InputError(f"--seed {request.seed}: must be 0 or more")
-    limit = sources * parameters if limit is None else limit
-    return SearchOptions(algorithm, sources, cycles, limit, request.seed)
+    return SearchOptions(algorithm, sources, cycles, limit or 0, request.seed)
 
 
 def _require_known(option: str, word: str | None, known: Collection[str]) -> None:
@@ -127,7 +124,7 @@ def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name.strip() for name in request.parameters.split(",") if name.strip())
 
 
-def _paper(request: TuneRequest) -> Plan:
+def _paper(request: TuneRequest) -> Source:
     """The search on the paper's signals."""
     if len(request.sources) > 1 or request.hold_out:
         raise InputError("tune: sim: stands alone, not beside logs")
@@ -151,7 +148,7 @@ def _paper(request: TuneRequest) -> Plan:
         name: "-".join(map(str, dict.fromkeys((chosen[0], chosen[-1]))))  # of one seed itself
         for name, chosen in (("noise", noise), ("held_out", held_out))
     }
-    return Plan(request, task, [{"name": SIMULATION}], "simulated vehicle's truth", seeds)
+    return task, [{"name": SIMULATION}], "simulated vehicle's truth", seeds
 
 
 def _seeds(option: str, text: str) -> range:
@@ -165,7 +162,7 @@ def _seeds(option: str, text: str) -> range:
     return chosen
 
 
-def _logs(request: TuneRequest) -> Plan:
+def _logs(request: TuneRequest) -> Source:
     """The search on recorded flights."""
     for flag in asked_for(request, "noise_seeds", "held_out_seeds"):
         raise InputError(f"{flag} goes with sim: only; a log has its own noise")
@@ -199,8 +196,7 @@ def _logs(request: TuneRequest) -> Plan:
         rate = f"{flight.message} at {flight.rate_hz:.1f} Hz"
         print_line(f"{flight.name}: {rate}, reference: {reference_text(flight)}, {use}")
         inputs.append({"name": flight.name, "sha256": flight.sha256, "use": use})
-    reference = "; ".join(dict.fromkeys(map(reference_text, flights)))
-    return Plan(request, task, inputs, reference, {})
+    return task, inputs, "; ".join(dict.fromkeys(map(reference_text, flights))), {}
 
 
 def _read_flights(

@@ -10,19 +10,9 @@ from fuzzbee.outputs import ViewerOptions
 from fuzzbee.verdict import Level, verdict_of
 from fuzzbee.viewer import layout
 from fuzzbee.viewer.stream import CLOSED, TIMELINE, ViewerStream, rr
+from service import records
 from service.publishing import euler_deg
-from service.records import (
-    HAS_ATTITUDE,
-    AttitudeRecord,
-    Evicted,
-    Message,
-    Output,
-    Peer,
-    Published,
-    State,
-    StatusRecord,
-    vehicle_name,
-)
+from service.records import AttitudeRecord, State, StatusRecord
 
 MOST_VEHICLES = 9  # drawn side by side; more cannot be read
 FLUSH_US = 60_000_000  # between two batches of points into a file
@@ -47,7 +37,7 @@ class ViewerSink(ViewerStream):
         self._has_left_out = False
         self._now_us = self._flushed_us = 0
 
-    def handle(self, outputs: Sequence[Output]) -> None:
+    def handle(self, outputs: Sequence[records.Output]) -> None:
         """Draw the outputs of one turn; raises once if the viewer was closed, or the file fails."""
         self.require_whole()
         if self.take_loss():
@@ -56,40 +46,39 @@ class ViewerSink(ViewerStream):
             return
         for output in outputs:
             match output:
-                case Published():
+                case records.Published():
                     self._take_published(output)
-                case Peer(vehicle=vehicle, source=source) if vehicle in self._tracks:
+                case records.Peer(vehicle=vehicle, source=source) if vehicle in self._tracks:
                     self._tracks[vehicle].others[source] = output.q_ned_frd
-                case Evicted(vehicle=vehicle) if vehicle in self._tracks:
+                case records.Evicted(vehicle=vehicle) if vehicle in self._tracks:
                     del self._tracks[vehicle]
-                case Message(text=text) if self._now_us:  # before the first record there is no time
+                # before the first record there is no time
+                case records.Message(text=text) if self._now_us:
                     self.message(text, self._now_us)
         if not 0 <= self._now_us - self._flushed_us < FLUSH_US:
             self._flushed_us = self._now_us
             self.flush()
 
-    def _take_published(self, output: Published) -> None:
-        record = output.record
+    def _take_published(self, output: records.Published) -> None:
+        """A new vehicle gets a track as long as there is room."""
+        record, vehicle, tracks = output.record, output.vehicle, self._tracks
         time_us = record.time_unix_us if isinstance(record, AttitudeRecord) else output.time_unix_us
         self._now_us = time_us or self._now_us
-        track = self._track(output.vehicle) if self._now_us else None
-        if track is None:
+        if not self._now_us:
             return
+        free = {*range(MOST_VEHICLES)} - {track.place for track in tracks.values()}
+        if vehicle not in tracks and not free:
+            if not self._has_left_out:
+                self.message(f"only the first {MOST_VEHICLES} vehicles are drawn", self._now_us)
+            self._has_left_out = True
+            return
+        if vehicle not in tracks:
+            tracks[vehicle] = Track(records.vehicle_name(vehicle), min(free), self)
         self._flushed_us = self._flushed_us or self._now_us
         if isinstance(record, AttitudeRecord):
-            track.take_attitude(record, output.sample)
+            tracks[vehicle].take_attitude(record, output.sample)
         else:
-            track.take_status(record, self._now_us)
-
-    def _track(self, vehicle: VehicleId) -> "Track | None":
-        """The vehicle's track; a new vehicle gets one as long as there is room."""
-        free = {*range(MOST_VEHICLES)} - {track.place for track in self._tracks.values()}
-        if vehicle not in self._tracks and free:
-            self._tracks[vehicle] = Track(vehicle_name(vehicle), min(free), self)
-        elif vehicle not in self._tracks and not self._has_left_out:
-            self._has_left_out = True
-            self.message(f"only the first {MOST_VEHICLES} vehicles are drawn", self._now_us)
-        return self._tracks.get(vehicle)
+            tracks[vehicle].take_status(record, self._now_us)
 
 
 class Track:
@@ -119,7 +108,7 @@ class Track:
         """Keep it for the verdict; where there is no attitude it brings the state."""
         self._statuses = (status, self._statuses[0])
         state = State(status.state)
-        if state not in HAS_ATTITUDE:
+        if state not in records.HAS_ATTITUDE:
             self._log_changes(state, None, now_us)
 
     def take_attitude(self, record: AttitudeRecord, sample: ImuSample | None) -> None:
@@ -138,8 +127,14 @@ class Track:
                 rate=[*map(degrees, record.rate_rad_s)],
                 bias=[*map(degrees, record.gyro_bias_rad_s)],
             )
+            measured = []  # gravity and field, in NED by our attitude
             if sample is not None:
-                self._add_measured(record.q_ned_frd, sample)
+                measured.append(("gravity", sample.acc_m_s2, -1.0 / STANDARD_GRAVITY_M_S2))
+                if sample.has_mag and (size := norm(sample.mag_gauss)) > 0.0:
+                    measured.append(("field", sample.mag_gauss, 1.0 / size))
+            for name, vector, factor in measured:
+                arrow = scale(factor, rotate(record.q_ned_frd, vector))
+                self._log(f"/bodies/{self._name}/{name}", rr.Arrows3D.from_fields(vectors=[arrow]))
             self._log_changes(State(record.state), record, now_us)
         for source, q_ned_frd in self.others.items():
             if self._is_due(source, now_us, q_ned_frd):
@@ -177,16 +172,6 @@ class Track:
                 points = [nan if abs(new - old) > 180.0 else new for old, new in pairs]
                 self._angles_deg[path] = now
             self._log(path, rr.Scalars(points))
-
-    def _add_measured(self, q_ned_frd: Quaternion, sample: ImuSample) -> None:
-        """Gravity and field as they were measured, in NED by our attitude."""
-        measured = {"gravity": (sample.acc_m_s2, -1.0 / STANDARD_GRAVITY_M_S2)}
-        size = norm(sample.mag_gauss)
-        if sample.has_mag and size > 0.0:
-            measured["field"] = (sample.mag_gauss, 1.0 / size)
-        for name, (vector, factor) in measured.items():
-            arrow = rr.Arrows3D.from_fields(vectors=[scale(factor, rotate(q_ned_frd, vector))])
-            self._log(f"/bodies/{self._name}/{name}", arrow)
 
     def _add_other(self, source: str, q_ned_frd: Quaternion, ours: AttitudeRecord) -> None:
         """Another's angles, and how far it is from ours.

@@ -14,16 +14,9 @@ from urllib.parse import parse_qs, urlsplit
 import msgspec
 
 from estimator.errors import InputError
+from fuzzbee import verdict
 from fuzzbee.latest import Latest, Row
 from fuzzbee.notify import notify
-from fuzzbee.verdict import (
-    compass_off_deg,
-    differing,
-    heading_text,
-    other_imus,
-    row_verdict,
-    warning_texts,
-)
 from service.http_door import Answer, HttpDoor
 from service.records import Output
 
@@ -143,8 +136,8 @@ def shown(row: Row) -> dict[str, Any]:
 
     ``autopilot`` is how far off its roll, pitch and heading are, if they differ.
     """
-    attitude, judged, status = row.valid_attitude, row_verdict(row), row.status
-    theirs = differing(status)
+    attitude, judged, status = row.valid_attitude, verdict.row_verdict(row), row.status
+    theirs = verdict.differing(status)
     return {
         "name": row.name,
         "state": row.state_text,
@@ -157,13 +150,13 @@ def shown(row: Row) -> dict[str, Any]:
         "imu": (status and status.imu_message) or "",
         "rate_hz": status and round(status.imu_rate_hz, 1),
         "autopilot": theirs and (theirs.roll_deg, theirs.pitch_deg, theirs.heading_deg),
-        "compass": compass_off_deg(status),
-        "warnings": [f"warning: {warning_texts(x, status)[1]}" for x in status.warnings]
+        "compass": verdict.compass_off_deg(status),
+        "warnings": [f"warning: {verdict.warning_texts(x, status)[1]}" for x in status.warnings]
         if status
         else [],
         "imus": [
             f"{name}: {each.inclination_deg:.1f}°, {each.rate_deg_s:.1f}°/s"
-            for name, each in (other_imus(status) if status else {}).items()
+            for name, each in (verdict.other_imus(status) if status else {}).items()
         ],
         "attitude": attitude
         and {
@@ -171,7 +164,7 @@ def shown(row: Row) -> dict[str, Any]:
             "sigma_deg": [round(sigma, 2) for sigma in msgspec.structs.astuple(attitude.sigma_deg)],
             "levels": [int(judged.horizon), int(judged.heading)],
             "horizon": judged.horizon_text,
-            "heading": heading_text(attitude),
+            "heading": verdict.heading_text(attitude),
             "north": judged.heading_text,
             "has_north": attitude.heading_reference != "none",
         },

@@ -58,8 +58,7 @@ def fit_sensors(recordings: Sequence[Recording]) -> SensorFit:
     for _ in range(ROUNDS):
         problem.improve()
     for each in trajectories:
-        if each.has_field and each.is_field_foreign:
-            each.is_heard = False
+        each.leave_foreign_field()
     problem.improve()
     x, _ = problem.step()
     parts = np.concatenate([np.arange(len(of_one)) * PARTS // len(of_one) for of_one in cut])

@@ -145,10 +145,7 @@ def times(R: Floats, v: Floats) -> Floats:
 
 def cross_matrix(v: Floats) -> Floats:
     """[v]x of (K, 3), (K, 3, 3)."""
-    made = np.zeros((len(v), 3, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        made[:, i, j], made[:, j, i] = -v[:, k], v[:, k]
-    return made
+    return np.asarray(np.cross(np.eye(3), v[:, None]))
 
 
 def rotation(phi: Floats) -> Floats:

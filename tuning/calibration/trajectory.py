@@ -61,10 +61,17 @@ class Trajectory:
         self._R: Floats = Rotation.from_quat(np.roll(q, -1, axis=1)).as_matrix()
         self._times_s = recording.time_s[self._rows]
         self.has_rates = len(recording.velocity_time_s) > 0
-        self._v, self._p = self._first_velocities(), np.zeros((len(q), 3))
+        self._v, self._p = np.zeros((2, len(q), 3))
+        if self.has_rates:
+            columns = zip(self._v.T, recording.velocity_ned_m_s.T, strict=True)
+            for own, reported in columns:
+                own[:] = np.interp(self._times_s, recording.velocity_time_s, reported)
         self.x, self._own = np.zeros(CONSTANTS), np.zeros(OWN)
         self.linearise()
-        self.field_ned_gauss = self._first_field()
+        seen = times(self._R[:-1], self._spans.field)[self._spans.has_field]
+        self.field_ned_gauss = np.median(seen, axis=0) if len(seen) else np.zeros(3)
+        if recording.field_ned_gauss is not None:
+            self.field_ned_gauss = recording.field_ned_gauss
         self.strength_gauss = max(float(np.linalg.norm(self.field_ned_gauss)), 1e-6)
         share = 1.0 if recording.field_ned_gauss is None else KNOWN_FIELD
         self._own_sigma = np.array([share * self.strength_gauss] * 3 + [*LAGS_S])
@@ -90,11 +97,10 @@ class Trajectory:
         """Of the field, as a share of its strength."""
         return float(self._sizes[FIELD]) / self.strength_gauss
 
-    @property
-    def is_field_foreign(self) -> bool:
-        """Whether the field is none of the place: iron all around has turned it."""
+    def leave_foreign_field(self) -> None:
+        """Leave out a field that is none of the place: iron all around has turned it."""
         off = self._own[OWN_FIELD] / self._own_sigma[OWN_FIELD]
-        return bool(np.linalg.norm(off) > FOREIGN)
+        self.is_heard = bool(np.linalg.norm(off) <= FOREIGN)
 
     def linearise(self) -> None:
         """Sum up the readings anew, by the constants as they are now."""
@@ -151,21 +157,6 @@ class Trajectory:
     def believe_sigmas(self) -> None:
         """Weigh readings by what is seen of their errors, however small: for sigmas alone."""
         self._variance = self._seen
-
-    def _first_velocities(self) -> Floats:
-        recording = self._recording
-        if not self.has_rates:
-            return np.zeros((len(self._rows), 3))
-        columns = recording.velocity_ned_m_s.T
-        return np.column_stack(
-            [np.interp(self._times_s, recording.velocity_time_s, v) for v in columns]
-        )
-
-    def _first_field(self) -> Floats:
-        if self._recording.field_ned_gauss is not None:
-            return self._recording.field_ned_gauss
-        seen = times(self._R[:-1], self._spans.field)[self._spans.has_field]
-        return np.median(seen, axis=0) if len(seen) else np.zeros(3)
 
     def _squares(self) -> tuple[Floats, Floats]:
         """J^T W J (K, COLUMNS, COLUMNS) and J^T W r (K, COLUMNS) of all residuals of a span."""

@@ -111,17 +111,14 @@ def cost_on(profile: Profile, *segments: Segment) -> Floats:
     known = np.isfinite(off)
     block = (1e-6 * (rows.times_us[known] - rows.times_us[0]) / BLOCK_S).astype(int)
     found = [float(off[known][block == b].mean()) for b in np.unique(block)]
-    return np.array(found or [0.0]) + PULL_IN_WEIGHT * _pull_in(profile, segments[-1])
-
-
-def _pull_in(profile: Profile, segment: Segment) -> float:
-    """Mean e between an estimate that begins 170 deg off and one that does not, over a second."""
-    end_us = segment.samples[0].time_us + 1e6 * PULL_IN_S
-    count = max(1, sum(sample.time_us <= end_us for sample in segment.samples))
-    right = fly_segments(profile, (segment,), most=count)
-    wrong = fly_segments(profile, (segment,), WRONG_TURN, most=count)
-    angles = batch_angle_errors(wrong.q_ned_frd, right.q_ned_frd)[:, 0]
-    return float(np.mean(np.sin(0.5 * angles) ** 2))
+    # e between an estimate that begins 170 deg off and one that does not, over a second
+    last = segments[-1]
+    end_us = last.samples[0].time_us + 1e6 * PULL_IN_S
+    count = max(1, sum(sample.time_us <= end_us for sample in last.samples))
+    both = (fly_segments(profile, (last,), turn, count) for turn in (WRONG_TURN, None))
+    angles = batch_angle_errors(*(each.q_ned_frd for each in both))[:, 0]
+    pull_in = float(np.mean(np.sin(0.5 * angles) ** 2))
+    return np.array(found or [0.0]) + PULL_IN_WEIGHT * pull_in
 
 
 def noise_of(rows: Rows) -> Floats | None:
