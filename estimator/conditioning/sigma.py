@@ -71,17 +71,18 @@ def sigma_inclination(
     It adds the sensor's own error, how far the low-passed force differs in size from gravity (an
     error along the vertical is as large across it), and the larger of two measures of slow
     accelerations and drift: the variance that chose the averaging time, and how far the vertical
-    lies off its own longer mean. Slow streams count the variance ``reckoned`` (rad^2) by the
-    vertical itself instead. Vehicles come to rest again, so their accelerations cancel sooner than
-    white noise, which that takes them for: a share of it counts, and how far the force of the last
-    ``USUAL_S``, and of the last second, is off the vertical.
+    lies off its own longer mean. A force that is off by more than is usual counts, too. Slow
+    streams count the variance ``reckoned`` (rad^2) by the vertical itself instead. Vehicles come to
+    rest again, so their accelerations cancel sooner than white noise, which that takes them for: a
+    share of it counts, and how far the force of the last ``USUAL_S``, and of the last second, is
+    off the vertical.
     """
     signs = events.gravity
     dt_s = vertical.coefficients.dt_s
     slow, weighed = slowness(params, dt_s), weighing(params, dt_s)
     fast = fast_in_vehicle(params, dt_s)
     measured = max(signs.apart, LOW_PASS_SHARE * vertical.averaging.variance)
-    measured += MEASURED_SQUARE * signs.uneven
+    measured += MEASURED_SQUARE * signs.uneven + signs.unusual
     known = LEAST_DIRECTION_RAD**2 + vertical.inflation
     force = vertical.gravity.force
     carried = lag_square(force) + carried_share(vertical) * reckoned

@@ -158,7 +158,8 @@ class TurnProof(NamedTuple):
     """Which signs of an unsensed turn have lasted for long enough."""
 
     heading: bool  # the field keeps pointing elsewhere
-    gravity: bool  # gravity keeps pulling elsewhere
+    gravity: bool  # gravity keeps pulling far elsewhere
+    force: float  # variance (rad^2) of the turn that the force shows without a field; 0: none
     jump: float  # variance (rad^2) of the turn by which the field has jumped; 0: it has not
     seen_rad: float  # the part of a jump that has counted
 
@@ -169,7 +170,7 @@ def proof_of(
 ) -> TurnProof:
     """Which signs have lasted for long enough; ``usual_norm`` is that of the place's field."""
     if not params.use_events:
-        return TurnProof(False, False, 0.0, 0.0)
+        return TurnProof(False, False, 0.0, 0.0, 0.0)
     heading = signs.heading
     jump, seen_rad = jump_variance(params, signs.jump, learnt)
     off = abs(signs.jump.quick_norm - usual_norm)
@@ -178,6 +179,7 @@ def proof_of(
     return TurnProof(
         heading=heading.confirmed_s <= 0.0 or heading.back_s > LONGEST_STEP_S,
         gravity=signs.gravity.off_s > LONGEST_STEP_S,
+        force=signs.gravity.turned,
         jump=jump,
         seen_rad=seen_rad,
     )
@@ -218,7 +220,10 @@ def follow_signs(
         heading = watch_heading(params, heading, now.estimate, magnetic, field.horizontal, since_s)
     dt = mean.time_s
     weighed = weighing(params, dt)
-    gravity = watch_gravity(before.gravity, now.gravity, dt, now.inflation, weighed)
+    has_field = magnetic.known and magnetic.wait_s < SPAN_S
+    gravity = watch_gravity(
+        params, before.gravity, now.gravity, dt, now.inflation, weighed, has_field
+    )
     return EventsState(heading, gravity, jump, axes, before.inflation)
 
 
@@ -239,6 +244,8 @@ def react(
         anew = Smooth(ZERO_VEC3, ZERO_VEC3)  # the low-pass of the force
         force = with_down(gravity.force, anew, anew, ZERO_VEC3, 0.0)
         gravity = with_force(gravity, force)
+    elif proof.force > 0.0:
+        inflation = min(inflation + proof.force, HALF_TURN_VARIANCE)
     if proof.gravity:
         tilt = with_variance(tilt, ANY_DIRECTION_VARIANCE)
         estimate = inflate_heading(estimate, HALF_TURN_VARIANCE)
@@ -265,7 +272,9 @@ def learn_events(
     now = react(proof, now, field.horizontal, was_inflated)
     heading_rad, estimate, tilt = now.estimate.heading_rad, now.estimate, now.inflation
     # what a jump has added shrinks with the whole, at the latest
-    others = tilt if proof.gravity else min(inflation.no_jump + vertical.clipped, tilt)
+    others = (
+        tilt if proof.gravity else min(inflation.no_jump + vertical.clipped + proof.force, tilt)
+    )
     inflation = with_no_jump(inflation, others)
     if proof.jump > 0.0:
         inflation = inflate_variance(inflation, signs, proof.jump, steepness(magnetic.reference))

@@ -4,17 +4,19 @@ A field that looks as usual and points elsewhere: a turn about the vertical, or 
 keeps pulling elsewhere than the low-passed one: a turn about a level axis.
 """
 
-from math import cos, sqrt
+from math import cos, pi, sqrt
 from typing import NamedTuple
 
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
+from estimator.conditioning.events.jump_signs import MOST_USUAL
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import (
     CONFIRM_S,
     LATELY_S,
     LONG_S,
     LONGEST_STEP_S,
+    QUICK_S,
     SPAN_S,
     USUAL_S,
     ConditioningParams,
@@ -40,6 +42,8 @@ def duration_s(holds: bool, lasted_s: float, dt_s: float) -> float:
     return lasted_s + min(dt_s, LONGEST_STEP_S) if holds else 0.0
 
 
+# The largest part of a turn by which the force of ``SPAN_S`` is ahead of the low-passed one.
+SPAN_LEAD = 0.54
 # A field points to a heading given up again within this share of the angle by which it is off the
 # present one.
 STILL_OFF = 0.5
@@ -175,7 +179,10 @@ def give_up(state: HeadingSigns, heading_rad: float) -> HeadingSigns:
 class GravitySigns(NamedTuple):
     """What the specific force shows about an unsensed turn about a level axis."""
 
-    off_s: float = 0.0  # for how long gravity has pulled elsewhere
+    off_s: float = 0.0  # for how long gravity has pulled far elsewhere
+    unusual: float = 0.0  # square of how far it lies off beyond what is usual, rad^2
+    unusual_s: float = 0.0  # for how long it has, as a turn leaves it
+    turned: float = 0.0  # variance (rad^2) of the turn that this shows now; 0: none
     force_scatter: float = PRIOR_VARIANCE  # mean square angle between quick and slow gravity, rad^2
     apart: float = 0.0  # mean square angle between published gravity and its long mean, rad^2
     uneven: float = 0.0  # mean square of how far the size of gravity is off, as a share
@@ -186,16 +193,22 @@ with_time = replacer(GravitySigns, "off_s")
 
 @inlined
 def watch_gravity(
+    params: ConditioningParams,
     state: GravitySigns,
     gravity: GravityState,
     dt_s: float,
     inflation: float,
     weighed: float,
+    has_field: bool,
 ) -> GravitySigns:
     """Look for gravity that keeps pulling elsewhere than the low-passed one in G.
 
     Accelerations reverse within a second or two and rarely exceed 1 g, a turn stays. A vertical
     that is ``weighed`` has a variance that decides how far to believe the force.
+
+    Without a field, whose jump would show it sooner, a force that lies off the vertical by more
+    than is usual, for longer than a quick motion lasts, shows a smaller turn. An acceleration
+    across makes it 1/cos(off) as large, a turn leaves its size: the likelier counts.
     """
     f = gravity.force.down.value
     quick = gravity.force.quick
@@ -203,12 +216,21 @@ def watch_gravity(
     falls = square(quick) <= (1.0 - MOST_DEVIATION) ** 2 * square(f)
     off = 0.0 if falls else angle_between_vectors(quick, f)
     elsewhere = weighed == 0.0 and off > MOST_APART_RAD
+    usual = MOST_USUAL**2 * (state.force_scatter + inflation)
+    unusual = 0.0 if has_field or weighed > 0.0 else max(0.0, off * off - usual)
+    along = cos(off) if off < 0.5 * pi else 0.0
+    keeps_size = square(quick) * along**2 <= 0.5 * (1.0 + along**2) * square(f)
+    is_off = keeps_size and unusual > (0.5 * params.turn_heading_rad) ** 2
+    unusual_s = duration_s(is_off, state.unusual_s, dt_s)
     a = dt_s / (LATELY_S + dt_s) if inflation == 0.0 else 0.0
     lag = angle_between_vectors(gravity.force.best.value, gravity.force.long)
     size = norm(f) / STANDARD_GRAVITY_M_S2 - 1.0
     b = dt_s / (min(LATELY_S, gravity.force.age_s) + dt_s)
     return GravitySigns(
         off_s=duration_s(elsewhere, state.off_s, dt_s),
+        unusual=unusual,
+        unusual_s=unusual_s,
+        turned=(off / SPAN_LEAD) ** 2 if unusual_s > QUICK_S else 0.0,
         force_scatter=state.force_scatter + a * (off * off - state.force_scatter),
         apart=state.apart + b * (lag * lag - state.apart),
         uneven=state.uneven + b * (size * size - state.uneven),

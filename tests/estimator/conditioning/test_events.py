@@ -19,6 +19,7 @@ from estimator.conditioning.events.step import (
     with_field_turned,
 )
 from estimator.conditioning.events.turn_signs import (
+    SPAN_LEAD,
     GravitySigns,
     HeadingSigns,
     confirmed_time_s,
@@ -36,7 +37,7 @@ from estimator.conditioning.field.magnetic import (
     observe_field,
     steepness,
 )
-from estimator.conditioning.params import CONFIRM_S, QUICK_S, ConditioningParams
+from estimator.conditioning.params import CONFIRM_S, QUICK_S, SPAN_S, ConditioningParams
 from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.bias import Estimate
 from estimator.conditioning.vertical.gravity import Force
@@ -190,8 +191,40 @@ def test_gravity_that_pulls_elsewhere_is_timed():
     for off_deg, lasts in ((57.0, False), (58.0, True)):
         quick = (0.0, -9.8 * sin(radians(off_deg)), 9.8 * np.cos(radians(off_deg)))
         gravity = state._replace(force=Force(Smooth((0.0, 0.0, 9.8)), quick=quick, age_s=5.0))
-        now = watch_gravity(GravitySigns(off_s=0.1), gravity, DT, 0.0, 0.0)
+        now = watch_gravity(PARAMS, GravitySigns(off_s=0.1), gravity, DT, 0.0, 0.0, True)
         assert now.off_s == pytest.approx(0.1 + DT if lasts else 0.0)
+
+
+@pytest.mark.parametrize(
+    ("off_deg", "size", "inflation", "has_field", "lasts"),
+    [
+        (14.0, 1.0, 0.0, False, True),
+        (13.3, 1.0, 0.0, False, False),  # 2.5 times the usual 5 deg, and half of 10 deg: 13.5
+        (14.0, 1.0, 0.001, False, False),  # a vertical that is uncertain by so much explains it
+        (14.0, 1.0, 0.0, True, False),  # a field would show it sooner
+        (45.0, 1.22, 0.0, False, True),  # an acceleration across: 1.41; halfway in squares: 1.225
+        (45.0, 1.23, 0.0, False, False),
+    ],
+)
+def test_without_a_field_the_force_shows_a_smaller_turn(off_deg, size, inflation, has_field, lasts):
+    off = radians(off_deg)
+    quick = (9.8 * size * sin(off), 0.0, 9.8 * size * cos(off))
+    force = Force(Smooth((0.0, 0.0, 9.8)), quick=quick, age_s=5.0)
+    gravity = initial_state(PARAMS).vertical.gravity._replace(force=force)
+    before = GravitySigns(unusual_s=0.48, force_scatter=radians(5.0) ** 2)
+    now = watch_gravity(PARAMS, before, gravity, DT, inflation, 0.0, has_field)
+    assert now.unusual_s == pytest.approx(0.48 + DT if lasts else 0.0)
+    assert now.turned == (pytest.approx((off / SPAN_LEAD) ** 2) if lasts else 0.0)
+    explained = 2.5**2 * (radians(5.0) ** 2 + inflation)
+    assert now.unusual == (0.0 if has_field else pytest.approx(max(0.0, off**2 - explained)))
+
+
+def test_the_lead_of_a_second_s_force_is_the_largest_before_the_low_pass():
+    since_s = np.linspace(0.0, 10.0, 100_001)
+    x = since_s / PARAMS.gravity_tau_s
+    slow = 1.0 - np.exp(-x) * (np.cos(x) + np.sin(x))
+    lead = 1.0 - np.exp(-since_s / SPAN_S) - slow
+    assert pytest.approx(lead.max(), rel=0.01) == SPAN_LEAD
 
 
 def test_the_share_of_a_jump_is_the_largest_between_its_low_passes():

@@ -76,6 +76,39 @@ def test_a_turn_of_20_degrees_is_found_by_the_jump_of_the_field(motion, axis, me
         assert found_after_s(motion, axis, 20.0, params) == pytest.approx(expected, rel=0.2)
 
 
+def level_error_after(axis, angle_deg):
+    """Inclination error and sigma (degrees) after a turn that neither gyroscope nor field show."""
+    rng = np.random.default_rng(2)
+    samples = [
+        s._replace(acc=add(s.acc, tuple(rng.normal(0.0, 0.3, 3))), has_mag=False)
+        for s in fly(tumbling, 36.0, DT)
+    ]
+    memory, _ = advance(None, samples[:3000])
+    turned = turned_by(memory, axis, angle_deg, samples[2999])
+    return np.degrees(
+        [
+            (vector_errors_rad(out, s.q_ned_frd)[0], out.sigma_inclination_rad)
+            for s, out, _ in conditioned(samples[3000:], DT, memory=turned)
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("axis", "angle_deg", "aware_s", "measured_s"),
+    [
+        ("east", 30.0, 0.7, 0.9),
+        ("east", -60.0, 0.7, 0.9),
+        ("diagonal", 90.0, 0.7, 0.9),
+        ("east", 179.0, 1.18, 1.2),  # the mean force has no direction before
+    ],
+)
+def test_without_a_field_a_turn_is_found_by_the_force(axis, angle_deg, aware_s, measured_s):
+    error, sigma = level_error_after(axis, angle_deg).T
+    assert found_s(error) == pytest.approx(measured_s, rel=0.2)
+    late = slice(round(aware_s / DT), round(measured_s / DT))
+    assert np.all(error[late] < 3.0 * sigma[late])
+
+
 def shaken(t):
     """Quick turns to and fro about every axis."""
     return (4.0 * sin(5.1 * t), 3.0 * cos(6.3 * t), 3.5 * sin(4.1 * t + 0.5))
