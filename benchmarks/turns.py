@@ -1,16 +1,18 @@
 """How long until an attitude is found again after a turn that no sensor has felt?
 
-    python benchmarks/turns.py DIR [DIR ...] [--times 15,40,70] [--angles 20,30,60,179]
+    python benchmarks/turns.py DIR [DIR ...] [--times 15,40,70] [--angles 20,30,60,179] [--no-field]
 
 Every attitude of a filter is turned about an axis of ENU, either way, without a reading. Seconds
 until the total error is first under 5 deg, within 25 s, where it stays under 4 deg without the turn
 (95th percentile): median (worst) by axis, then all axes' median, 95th percentile, and how many took
 longer than 8 s or were never found. ``aware`` is the share of the errors over 5 deg, from 2 s after
-the turn on, that lie under two sigmas. Recordings with a disturbance are left out.
+the turn on, that lie under two sigmas. Recordings with a disturbance are left out. Without the
+field it is the inclination's error, after turns about level axes.
 """
 
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from statistics import median
 from typing import NamedTuple
 
@@ -49,14 +51,19 @@ def where_of(trial: Trial, row: int) -> str:
 def after_turn(
     filter_: Filter, trial: Trial, rows: slice, turn: Array | None
 ) -> tuple[Array, Array | None]:
-    """Total errors (N,) of the rows, and their sigmas, from a turn before them on."""
+    """Errors (N,) of the rows, and their sigmas, from a turn before them on.
+
+    Without a field the inclination's, with one the total ones.
+    """
     run = filter_(trial)
     run.advance(slice(0, rows.start))
     if turn is not None:
         run.turn(turn)
     q, sigma = run.advance(rows)
-    total = errors_deg(q, trial.q_enu_sensor[rows])[:, 0]
-    return total, None if sigma is None else np.hypot(*sigma.T)
+    errors = errors_deg(q, trial.q_enu_sensor[rows])
+    if trial.has_mag:
+        return errors[:, 0], None if sigma is None else np.hypot(*sigma.T)
+    return errors[:, 2], None if sigma is None else sigma[:, 0]
 
 
 def judge(
@@ -74,6 +81,8 @@ def judge(
         where = where_of(trial, row)
         for angle in angles:
             for axis, vector in AXES_ENU.items():
+                if vector[2] and not trial.has_mag:
+                    continue
                 for half in (np.radians(angle) / 2.0, -np.radians(angle) / 2.0):
                     along = np.sin(half) * np.array(vector) / np.linalg.norm(vector)
                     turn = np.array([np.cos(half), *along])
@@ -96,7 +105,7 @@ def summary(found: Sequence[Found]) -> Row:
     row: Row = {"n": len(found)}
     for axis in AXES_ENU:
         times = [f.time_s for f in found if f.axis == axis]
-        row[axis] = f"{seconds(median(times))} ({seconds(max(times))})"
+        row[axis] = f"{seconds(median(times))} ({seconds(max(times))})" if times else None
     times = [f.time_s for f in found]
     row["median s"] = seconds(median(times))
     row["p95 s"] = seconds(float(np.percentile(np.minimum(times, WITHIN_S), 95)))
@@ -115,12 +124,15 @@ def seconds(value: float) -> str:
     option("--filters", default="fuzzbee,vqf", help="names, peers, acausal or gains"),
     option("--times", type=numbers, default=(15.0, 40.0, 70.0), metavar="S,S"),
     option("--angles", type=numbers, default=(20.0, 30.0, 60.0, 179.0), metavar="DEG,DEG"),
+    option("--no-field", action="store_true", help="leave out the magnetometer"),
 )
 def main(options: Namespace) -> Tables:
     options.undisturbed = True
     if options.smoke:
         options.times, options.angles = (20.0,), (60.0,)
     trials = [trial for some in chosen_sets(options).values() for trial in some]
+    if options.no_field:
+        trials = [replace(trial, mag_ut=np.full_like(trial.mag_ut, np.nan)) for trial in trials]
     table: list[Row] = []
     for name, filter_ in chosen_filters(options.filters):
         if filter_ is None:
