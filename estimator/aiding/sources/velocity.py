@@ -166,7 +166,8 @@ def observe_velocity(
 def velocity_row(reporter: Reporter, i: int, pushed: Vec3, acceleration: Vec3, dt: float) -> Array:
     """How the errors show in the axis ``i`` (NED) of a report.
 
-    ``pushed`` (m/s) is what the force has added since then, ``acceleration`` (m/s^2) that then.
+    ``pushed`` (m/s) is what the force has added since the report's time, ``acceleration`` (m/s^2)
+    the vehicle's at that time.
     """
     h = np.zeros(SIZE)
     h[VELOCITY + i] = 1.0
@@ -184,9 +185,10 @@ def velocity_row(reporter: Reporter, i: int, pushed: Vec3, acceleration: Vec3, d
 def follow_scatter(
     state: Scatter, unit: float, before: float, share: float, least: float
 ) -> Scatter:
-    """The scatter after an innovation of ``unit`` expected sigmas, ``before`` which there was one.
+    """The scatter after an axis's innovation of ``unit`` expected sigmas.
 
-    ``share`` is the newest one's in the means, ``least`` that of the noise scale.
+    The axis's previous one was ``before``. ``share`` is the newest one's in the means, ``least``
+    the smallest scale of the noise.
     """
     near = max(-REACH, min(REACH, unit))
     reports = state.reports + 1.0

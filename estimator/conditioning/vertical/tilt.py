@@ -148,7 +148,9 @@ def step_noise(
 
 @inlined
 def unseen_factor(state: TiltState, off: float, changed: float, dt_s: float) -> float:
-    """L^2 dt^2/12 (s^2), L by how far a rate is ``off`` the line and has ``changed``, both squared.
+    """L^2 dt^2/12 (s^2), with L of :func:`step_noise`, by squared differences of rates.
+
+    A rate is ``off`` the line through the two before it and has ``changed`` since the last one.
 
     One small difference may be chance, so the mean over the last seconds is the least.
     """
