@@ -19,15 +19,11 @@ BELOW, ABOVE = 1.0 - 1e-9, 1.0 + 1e-9
 
 
 def motion_mask(columns: Any) -> Bools:
-    """(N,): whether anything moved within ``WINDOW_S`` of each of the samples in the columns.
-
-    Medians take long, and lie between the least and the largest reading: where those decide they
-    are not taken. Readings are in units of what each sensor may leave its median by.
-    """
-    times_us, bias = columns["time_us"], MOST_BIAS_RAD_S / REST_GYR_RAD_S
+    """(N,): whether anything moved within ``WINDOW_S`` of each of the samples in the columns."""
+    times_us = columns["time_us"]
     moved = np.zeros(len(times_us), np.bool_)
     for rows in blocks(len(times_us)):
-        now_us, now = times_us[rows], moved[rows]
+        now_us = times_us[rows]
         reach_us = [now_us[0] - MARGIN_US, now_us[-1] + MARGIN_US]
         around = slice(*np.searchsorted(times_us, reach_us).tolist())
         times_s, now_s = 1e-6 * times_us[around], 1e-6 * now_us
@@ -35,18 +31,28 @@ def motion_mask(columns: Any) -> Bools:
         behind = np.searchsorted(times_s, now_s + WINDOW_S, side="right")
         gyr, acc = columns["gyr_rad_s"][around], columns["acc_m_s2"][around]
         readings = np.stack([gyr / REST_GYR_RAD_S, acc / REST_ACC_M_S2], axis=1)
-        low, high = _extremes(readings, first, behind)
-        width = high - low
-        least, largest = np.maximum(0.0, np.maximum(low, -high)), np.maximum(-low, high)
-        now |= (0.5 * width.max(axis=2, initial=0.0) > ABOVE).any(axis=1)
-        now |= np.linalg.norm(least[:, 0], axis=1) > bias * ABOVE
-        rested = (np.linalg.norm(width, axis=2) < BELOW).all(axis=1)
-        rested &= np.linalg.norm(largest[:, 0], axis=1) < bias * BELOW
-        for k in np.flatnonzero(~now & ~rested).tolist():
-            window = readings[first[k] : behind[k]]
-            middle = np.median(window, axis=0)
-            now[k] = np.linalg.norm(window - middle, axis=2).max() >= 1.0
-            now[k] |= np.linalg.norm(middle[0]) > bias
+        moved[rows] = _moved(readings, first, behind)
+    return moved
+
+
+def _moved(readings: Floats, first: Ints, behind: Ints) -> Bools:
+    """Whether anything moved from rows ``first`` (N,) up to ``behind`` (N,).
+
+    Readings (M, 2, 3) are in units of what each sensor may leave its median by. Medians take long,
+    and lie between the least and the largest reading: where that decides they are not taken.
+    """
+    low, high = _extremes(readings, first, behind)
+    width, bias = high - low, MOST_BIAS_RAD_S / REST_GYR_RAD_S
+    least, largest = np.maximum(0.0, np.maximum(low, -high)), np.maximum(-low, high)
+    moved: Bools = (0.5 * width.max(axis=2, initial=0.0) > ABOVE).any(axis=1)
+    moved |= np.linalg.norm(least[:, 0], axis=1) > bias * ABOVE
+    rested = (np.linalg.norm(width, axis=2) < BELOW).all(axis=1)
+    rested &= np.linalg.norm(largest[:, 0], axis=1) < bias * BELOW
+    for k in np.flatnonzero(~moved & ~rested).tolist():
+        window = readings[first[k] : behind[k]]
+        middle = np.median(window, axis=0)
+        moved[k] = np.linalg.norm(window - middle, axis=2).max() >= 1.0
+        moved[k] |= np.linalg.norm(middle[0]) > bias
     return moved
 
 

@@ -195,12 +195,12 @@ class Replay:
         kind = RetunedEstimator if self._how.retune else Estimator
         return kind(profile, self._how.fixed_gain)
 
-    def run(self, events: Iterable[events.Event]) -> None:
+    def run(self, arriving: Iterable[events.Event]) -> None:
         """Take all events; a log skips what a live link skips."""
-        if isinstance(events, LogFile):
-            events.follow(self.pipeline.imu_in_use)
-        windowed = WindowedEvents(events, self._how.window)
-        for event in events if self._how.window == WHOLE_LOG else windowed:
+        if isinstance(arriving, LogFile):
+            arriving.follow(self.pipeline.imu_in_use)
+        windowed = WindowedEvents(arriving, self._how.window)
+        for event in arriving if self._how.window == WHOLE_LOG else windowed:
             self._take(event)
         self.why_empty = windowed.why_empty()
         for trace in self.traces.values():

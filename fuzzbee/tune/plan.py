@@ -35,8 +35,14 @@ FOR_LOGS = {
 # Food sources and cycles. A flight flown again takes a tenth of a second, the signals 50 us.
 SIMULATION_BUDGET, LOG_BUDGET = (100, 300), (10, 15)
 
-# A task, its inputs, what its cost is measured against, and noise seeds
-Source = tuple[tasks.Task, list[dict[str, str]], str, dict[str, str]]
+
+class Source(NamedTuple):
+    """What is searched on: its task, inputs, what its cost is measured against, noise seeds."""
+
+    task: tasks.Task
+    inputs: list[dict[str, str]]
+    reference: str
+    seeds: dict[str, str]
 
 
 class Plan(NamedTuple):
@@ -61,9 +67,16 @@ def plan(request: TuneRequest) -> Plan:
         raise InputError(f"-o {output}: a folder, not a file")
     if not os.access(output.parent, os.W_OK):
         raise InputError(f"-o {output}: the folder cannot be written to")
-    task, inputs, reference, seeds = (_paper if request.is_simulated else _logs)(request)
+    source = _paper(request) if request.is_simulated else _logs(request)
     if request.limit is None:
-        search = search._replace(limit=search.food_sources * len(task.space))
+        search = search._replace(limit=search.food_sources * len(source.task.space))
+    identity = _identity(request, source, search)
+    return Plan(request, source.task, search, source.reference, identity)
+
+
+def _identity(request: TuneRequest, source: Source, search: SearchOptions) -> dict[str, Any]:
+    """Everything that determines the result; a base that is no name by its content."""
+    task = source.task
     begin, end = time_window(request.begin, request.end)
     base = request.base or (MIDPOINT if request.is_simulated else "imu")
     if base not in (*SHIPPED, MIDPOINT):  # a file's name does not fix its content
@@ -81,13 +94,12 @@ def plan(request: TuneRequest) -> Plan:
         "from": begin,
         "to": end,
     }
-    identity = {
+    return {
         "options": {name: value for name, value in options.items() if value is not None},
-        "inputs": inputs,
-        "seeds": {"search": request.seed, **seeds},
+        "inputs": source.inputs,
+        "seeds": {"search": request.seed, **source.seeds},
         "version": __version__,
     }
-    return Plan(request, task, search, reference, identity)
 
 
 def _search_options(request: TuneRequest) -> SearchOptions:
@@ -148,7 +160,7 @@ def _paper(request: TuneRequest) -> Source:
         name: "-".join(map(str, dict.fromkeys((chosen[0], chosen[-1]))))  # of one seed itself
         for name, chosen in (("noise", noise), ("held_out", held_out))
     }
-    return task, [{"name": SIMULATION}], "simulated vehicle's truth", seeds
+    return Source(task, [{"name": SIMULATION}], "simulated vehicle's truth", seeds)
 
 
 def _seeds(option: str, text: str) -> range:
@@ -196,7 +208,7 @@ def _logs(request: TuneRequest) -> Source:
         rate = f"{flight.message} at {flight.rate_hz:.1f} Hz"
         print_line(f"{flight.name}: {rate}, reference: {reference_text(flight)}, {use}")
         inputs.append({"name": flight.name, "sha256": flight.sha256, "use": use})
-    return task, inputs, "; ".join(dict.fromkeys(map(reference_text, flights))), {}
+    return Source(task, inputs, "; ".join(dict.fromkeys(map(reference_text, flights))), {})
 
 
 def _read_flights(

@@ -60,16 +60,7 @@ class ViewerStream:
         self.process: ViewerProcess | None = None
         self.is_whole = True  # the file, if there is one, has everything so far
         self._rrd, self.is_live = options.rrd, options.live
-        sinks: list[Any] = []
-        if options.rrd is not None:
-            if Path(options.rrd).is_fifo():
-                raise InputError(f"--rrd {options.rrd}: a pipe, choose a file")
-            try:
-                Path(options.rrd).write_bytes(b"")  # Rerun would only log an error
-            except OSError as error:
-                raise InputError(f"--rrd {options.rrd}: {error.strerror}") from error
-            # live without an index at its end, which is kept in memory: 100 MB an hour
-            sinks.append(rr.FileSink(options.rrd, write_footer=not options.live))
+        sinks = [] if options.rrd is None else [_file_sink(options.rrd, live=options.live)]
         if options.view is not None:
             self.process = ViewerProcess(web=options.view == "web", live=options.live)
             sinks.append(rr.GrpcSink(self.process.url))
@@ -162,3 +153,14 @@ class ViewerStream:
         except Exception as error:  # noqa: BLE001 - the library's errors have no class of their own
             if self._rrd is not None and str(error).startswith(OF_FILE):
                 self.is_whole = False
+
+
+def _file_sink(path: str, *, live: bool) -> Any:
+    """Live without an index at the file's end, which is kept in memory: 100 MB an hour."""
+    if Path(path).is_fifo():
+        raise InputError(f"--rrd {path}: a pipe, choose a file")
+    try:
+        Path(path).write_bytes(b"")  # Rerun would only log an error
+    except OSError as error:
+        raise InputError(f"--rrd {path}: {error.strerror}") from error
+    return rr.FileSink(path, write_footer=not live)
