@@ -24,7 +24,8 @@ SPAN_S = 1.0
 # A field that looks usual must point elsewhere for so long (s) to count: a magnet passes. The
 # residual of an aided heading has the same low-pass.
 CONFIRM_S = 4.0
-# Accelerations that the mean force does not average out, and slips of wheels, last for so long, s.
+# Accelerations that the mean force does not average out last for so long, s, and so do slips of
+# wheels and the slow errors of velocity reports.
 ACCELERATION_LASTS_S = 3.0
 # What is compared with now, s: accelerations, a drifting field, where gravity and field stood.
 LATELY_S = 10.0
@@ -69,7 +70,6 @@ class ConditioningParams(NamedTuple):
 
     # Slow streams: turns between samples, and the scatter of the force's direction.
     step_turn_noise_1_s: Share = 0.4  # of the rate, each second; small: relies on the gyroscope
-    force_lasts_s: Time = 0.35  # of accelerations; small: relies on the force, large: gyroscope
     scatter_tau_s: Time = 7.0  # averaging of the scatter; small: jumpy, large: late
     force_size_noise: Share = 1.0  # rad for a force of twice its size; small: relies on the force
 

@@ -35,12 +35,9 @@ from estimator.types import Vec3
 # The attitude is given up after reports were far off for so long, s. Small: good attitudes beside
 # an accelerometer's offset are lost; large: one that is upside down lasts.
 DISAGREEMENT_S = 1.5
-# Largest normalised squared innovation for the noise scale: one wild report must not spoil it.
-CLIP = 25.0
-# The noise scale is a mean over about this many reports, and itself at most as large.
+# The noise scale is a mean over about this many reports, and itself at most as large. One wild
+# report counts as ``FAR``.
 SCALE_REPORTS = 100.0
-# The noise scale of a receiver's reports may also fall, to this: no IMU has smoothed them.
-LEAST_RECEIVER_SCALE = 0.1
 
 
 class Reporter(NamedTuple):
@@ -137,9 +134,9 @@ def observe_velocity(
     pushed = subtract(past.gained_m_s, scale(reporter.age_s, GRAVITY_NED))
     behind = min(1.0, report.ago_s / dt)
     aliasing = scale(params.integration_noise * dt * behind, newest_deviation(now.velocity_history))
-    sigma = params.receiver_noise_m_s if reporter.is_receiver else params.filter_noise_m_s
-    sigma *= max(1.0, report.sigma_m_s / params.report_sigma_m_s)
-    least = LEAST_RECEIVER_SCALE if reporter.is_receiver else 1.0
+    sigma = params.velocity_noise_m_s * max(1.0, report.sigma_m_s / params.velocity_error_m_s)
+    # no IMU has smoothed a receiver's reports: the scale of their noise may fall, too
+    least = 1.0 / REACH**2 if reporter.is_receiver else 1.0
     loose_at = VELOCITY if reporter.is_alone else reporter.error_at
     elsewhere = rotate(estimate.q_ned_frd, gravity_b)[2] < cos(UNKNOWN_RAD)
     # very noisy reports, or an attitude that makes them look so: then the unaided one disagrees
@@ -193,7 +190,7 @@ def follow_scatter(
     near = max(-REACH, min(REACH, unit))
     reports = state.reports + 1.0
     newest = max(share, 1.0 / reports)
-    grown = state.noise_scale * (1.0 + (min(unit * unit, CLIP) - 1.0) / (3.0 * SCALE_REPORTS))
+    grown = state.noise_scale * (1.0 + (min(unit * unit, FAR) - 1.0) / (3.0 * SCALE_REPORTS))
     return Scatter(
         noise_scale=min(max(grown, least), SCALE_REPORTS),
         innovation=state.innovation + newest * (near * near - state.innovation),

@@ -70,6 +70,15 @@ def approach(mean: Vec3, v: Vec3, share: float) -> Vec3:
     )
 
 
+def largest_between(quick_s: float, slow_s: float) -> float:
+    """The largest part of a step that lies between two first-order low-passes.
+
+    exp(-t/slow) - exp(-t/quick) is largest where both exponentials fall alike.
+    """
+    ratio = slow_s / quick_s
+    return ratio ** (-1.0 / (ratio - 1.0)) * (1.0 - 1.0 / ratio)
+
+
 class Coefficients(NamedTuple):
     """The coefficients of steps of one length; none before the first step."""
 

@@ -11,7 +11,13 @@ from typing import NamedTuple
 
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.params import ACCELERATION_LASTS_S, SPAN_S, USUAL_S, ConditioningParams
+from estimator.conditioning.params import (
+    ACCELERATION_LASTS_S,
+    QUICK_S,
+    SPAN_S,
+    USUAL_S,
+    ConditioningParams,
+)
 from estimator.conditioning.rate import MOST_ERROR, is_mean, likeness, slow_share
 from estimator.conditioning.vertical.slow_acceleration import apart_rad
 from estimator.geometry.quaternion import ANY_DIRECTION_VARIANCE, dot, norm, scale, subtract
@@ -183,7 +189,7 @@ def update_tilt(
     mean = state.force
     unusual = size / mean - 1.0 if mean > 0.0 else 0.0
     r = state.scatter + (params.force_size_noise * unusual) ** 2
-    brief = r * max(1.0, 2.0 * params.force_lasts_s / dt_s)
+    brief = r * max(1.0, 2.0 * QUICK_S / dt_s)
     white = brief + slow_square * max(1.0, 2.0 * ACCELERATION_LASTS_S / dt_s)
     share = max(least_share, p / (p + white))
     off = apart_rad(down_g, u)

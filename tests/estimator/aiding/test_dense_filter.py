@@ -135,7 +135,7 @@ def test_prediction(rng, error_m_s, seen):
     slow = np.array([before.receiver_error_m_s, before.filter_error_m_s])
     assert fades == pytest.approx(slow * np.array(keeps)[:, None])
     unseen = (PARAMS.gyr_slow_noise_1_s * seen_s) ** 2 * (w @ w) * dt
-    Q = noise_of_step(P, before.earth_gauss, dt, unseen, aliased_turn, off, variances)
+    Q = noise_of_step(P, dt, unseen, aliased_turn, off, variances)
     wanted = predicted(P, R, gained, dt, *keeps) + Q
     np.testing.assert_allclose(now.covariance, wanted, rtol=1e-9, atol=1e-14)
 
@@ -143,21 +143,21 @@ def test_prediction(rng, error_m_s, seen):
 def slow_errors(before, known, dt, force):
     """Of a receiver's slow error and a filter's: the share that stays, and the variance added."""
     p, keeps, variances = PARAMS, [], []
-    push = p.filter_turning_s**2 * (force[0] ** 2 + force[1] ** 2)
+    push = p.imu_lag_s**2 * (force[0] ** 2 + force[1] ** 2)
     for error, usual, agreement in (
-        (before.receiver_error_m_s, p.receiver_error_m_s**2, known.by_receiver),
-        (before.filter_error_m_s, p.filter_error_m_s**2 + push, known.by_filter),
+        (before.receiver_error_m_s, p.velocity_error_m_s**2, known.by_receiver),
+        (before.filter_error_m_s, p.velocity_error_m_s**2 + push, known.by_filter),
     ):
         variance = usual * max(1.0, agreement.scatter.noise_scale)
         longer = min(16.0, max(1.0, np.dot(error, error) / (9.0 * variance)))
-        keeps.append(exp(-dt / (5.0 * longer)))
-        variances.append(variance * (1.0 - exp(-dt / 5.0) ** 2))
+        keeps.append(exp(-dt / (3.0 * longer)))
+        variances.append(variance * (1.0 - exp(-dt / 3.0) ** 2))
     return keeps, variances
 
 
-def noise_of_step(P, earth_gauss, dt, unseen, aliased_turn, off, slow_variances):
+def noise_of_step(P, dt, unseen, aliased_turn, off, slow_variances):
     """(SIZE, SIZE) of one step, whose newest force lies ``off`` the line through two others."""
-    p, E, aliased_push = PARAMS, np.array(earth_gauss), dt * off
+    p, aliased_push = PARAMS, dt * off
     Q = np.zeros((types.SIZE, types.SIZE))
     d = np.einsum("ii->i", Q)
     d[three(types.TURN)] = unseen + (p.integration_noise * aliased_turn) ** 2
@@ -168,11 +168,6 @@ def noise_of_step(P, earth_gauss, dt, unseen, aliased_turn, off, slow_variances)
     d[three(types.HARD_IRON)] = np.where(
         np.diag(P)[three(types.HARD_IRON)] < iron, iron * dt / 2500.0, 0.0
     )
-    H = E[:2] @ E[:2]
-    Q[types.EARTH : types.EARTH + 2, types.EARTH : types.EARTH + 2] = (
-        p.field_walk**2 * dt * (1.0 + E[2] ** 2 / H) * np.outer(E[:2], E[:2])
-    )
-    d[types.EARTH + 2] = p.field_walk**2 * dt * (E @ E)
     d[three(types.RECEIVER_ERROR)], d[three(types.FILTER_ERROR)] = slow_variances
     knock = max(0.0, 1.0 - 16.0 * 5.0 / (off @ off)) * aliased_push**2  # usual: 5 (m/s^2)^2
     for own, sign in (
@@ -211,8 +206,7 @@ def test_velocity(rng, is_receiver, off_m_s, is_alone, dt):
         velocity_history[::-1, 4:],
     )
     p = PARAMS
-    sigma = p.receiver_noise_m_s if is_receiver else p.filter_noise_m_s
-    sigma *= max(1.0, 0.5 / p.report_sigma_m_s)
+    sigma = p.velocity_noise_m_s * max(1.0, 0.5 / p.velocity_error_m_s)
     aliasing = p.integration_noise * dt * min(1.0, 0.07 / dt) * newest_deviation(velocity_history)
     dense = Dense(P.copy(), x0.copy())
     noise_scale, innovation, reports, last, together = before.scatter
@@ -232,8 +226,8 @@ def test_velocity(rng, is_receiver, off_m_s, is_alone, dt):
         innovation += max(share, 1.0 / reports) * (min(square, 9.0) - innovation)
         units.append(np.sign(left) * sqrt(min(square, 9.0)))
         together += max(share, 1.0 / reports) * (units[i] * last[i] - together)
-        noise_scale *= 1.0 + (min(square, 25.0) - 1.0) / 300.0
-        noise_scale = min(max(noise_scale, 0.1 if is_receiver else 1.0), 100.0)
+        noise_scale *= 1.0 + (min(square, 16.0) - 1.0) / 300.0
+        noise_scale = min(max(noise_scale, 1.0 / 9.0 if is_receiver else 1.0), 100.0)
         if square > 16.0:
             far = True
             loose = (types.VELOCITY if is_alone else error_at) + i
