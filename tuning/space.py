@@ -85,7 +85,7 @@ CONDITIONED_GROUPS: dict[str, Space] = {
     # describes vehicles and events, which one log does not show.
     "conditioning": _around_shipped(
         conditioning="gravity_tau_s bias_initial_sigma_rad_s bias_rest_sigma_rad_s"
-        " bias_motion_sigma_rad_s field_dip_scale_rad heading_noise_rad2_s"
+        " bias_motion_sigma_rad_s heading_noise_rad2_s"
     ),
     # How noisy the vehicle's sensors and velocity reports are: few numbers that differ from vehicle
     # to vehicle, without a velocity and with one.

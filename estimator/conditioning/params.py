@@ -87,9 +87,6 @@ class ConditioningParams(NamedTuple):
     calibration_reach: Share = 0.5  # relative residual beyond which nothing is learnt
     calibration_turn: Share = 1.5  # squared distance of R from its mean that shows an offset
 
-    # The field's confidence.
-    field_dip_scale_rad: Angle = 0.1  # dip error that lowers the confidence; small: strict
-
     # Heading.
     heading_noise_rad2_s: Noise = 0.003  # of the field; small: follows magnets, large: slow
     heading_inflation_noise_rad2_s: Noise = 0.015  # added at low confidence; small: follows magnets

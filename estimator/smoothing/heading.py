@@ -71,7 +71,7 @@ def turn_north(
 def noise(params: ConditioningParams, seen: Floats, reference: FieldReference) -> Floats:
     """Density (W,) of the error of the field's heading, rad^2 s: see conditioning/field/step."""
     off_norm, off_dip = deviations(seen, reference)
-    square = (off_norm / NORM_SCALE) ** 2 + (off_dip / params.field_dip_scale_rad) ** 2
+    square = (off_norm / NORM_SCALE) ** 2 + (off_dip / NORM_SCALE) ** 2
     confidence = np.maximum((1.0 + square) ** -2, TINY)
     uncertain = params.heading_inflation_noise_rad2_s * (1.0 / confidence - 1.0)
     return np.asarray(params.heading_noise_rad2_s + uncertain)

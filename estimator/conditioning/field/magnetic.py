@@ -12,8 +12,9 @@ from estimator.conditioning.params import FIELD_S, USUAL_S, ConditioningParams
 from estimator.conditioning.robust import robust_factor
 from estimator.types import Vec2, Vec3
 
-# Relative deviation of the norm that counts as one, more than calibrations leave. A field whose
-# horizontal part is less than this share of the downward one shows no heading.
+# Relative deviation of the norm, and deviation of the dip (rad), that count as one, more than
+# calibrations leave. A field whose horizontal part is less than this share of the downward one
+# shows no heading.
 NORM_SCALE = 0.1
 # By this share of it (and angle, rad) a field is off if nothing else is known about it.
 MOST_DISTORTION = 0.2
@@ -131,12 +132,11 @@ def observe_field(
         return MagneticState(FieldLook(h, v, 1.0), reference, 0.0, True)
     a = dt_s / (FIELD_S + dt_s)
     expected = (before.horizontal, before.down)
-    norm_scale, dip_scale = NORM_SCALE, params.field_dip_scale_rad
-    look = look_at_field(state.look, (h, v), a, expected, norm_scale, dip_scale)
+    look = look_at_field(state.look, (h, v), a, expected, NORM_SCALE, NORM_SCALE)
     learn = min(1.0, dt_s / USUAL_S) * look.confidence
     if age < USUAL_S:
         learn = max(learn, weight / samples)
-    other, confirmed_s = watch_alternative(params, before, look, dt_s)
+    other, confirmed_s = watch_alternative(before, look, dt_s)
     reference = FieldReference(
         horizontal=before.horizontal + learn * (look.horizontal - before.horizontal),
         down=before.down + learn * (look.down - before.down),
@@ -168,7 +168,7 @@ def unevenness(reference: FieldReference, look: FieldLook, dt_s: float) -> float
 
 @inlined
 def watch_alternative(
-    params: ConditioningParams, reference: FieldReference, look: FieldLook, dt_s: float
+    reference: FieldReference, look: FieldLook, dt_s: float
 ) -> tuple[AlternativeField, float]:
     """The other field that is seen, and for how long (s) the expected one was confirmed.
 
@@ -176,10 +176,9 @@ def watch_alternative(
     at most :data:`USUAL_S`. A field that keeps changing starts anew each time.
     """
     other, most = reference.other, 2.0 * USUAL_S
-    norm_scale, dip_scale = NORM_SCALE, params.field_dip_scale_rad
     seen = (look.horizontal, look.down)
     expected = (other.horizontal, other.down)
-    alike = look_at_field(look, seen, 0.0, expected, norm_scale, dip_scale).confidence
+    alike = look_at_field(look, seen, 0.0, expected, NORM_SCALE, NORM_SCALE).confidence
     gain = dt_s * (alike - look.confidence)
     confirmed_s = max(
         0.0, min(reference.confirmed_s + dt_s * look.confidence - max(gain, 0.0), most)
