@@ -9,6 +9,7 @@ import numpy as np
 from estimator.aiding.covariance import move_rows, rotation_matrix
 from estimator.aiding.types import (
     ACC_BIAS,
+    EARTH,
     FILTER_ERROR,
     GYR_BIAS,
     HARD_IRON,
@@ -26,7 +27,8 @@ from estimator.aiding.types import (
 from estimator.aiding.velocity_history import ACCELERATION, TIME, extend_velocity_history, row
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.params import ACCELERATION_LASTS_S, USUAL_S
+from estimator.conditioning.field.magnetic import NORM_SCALE
+from estimator.conditioning.params import ACCELERATION_LASTS_S, FORGET_S, USUAL_S
 from estimator.conditioning.rate import integration_rate
 from estimator.conditioning.robust import FAR, REACH
 from estimator.geometry.quaternion import (
@@ -198,6 +200,13 @@ def add_noise(
     by_receiver = error * max(1.0, receiver_reports.scatter.noise_scale)
     filter_m_s = age_error(P, FILTER_ERROR, estimate.filter_error_m_s, by_filter, dt)
     receiver_m_s = age_error(P, RECEIVER_ERROR, estimate.receiver_error_m_s, by_receiver, dt)
+    E = estimate.earth_gauss
+    field = NORM_SCALE**2 * dt / FORGET_S
+    horizontal = field * (1.0 + E[2] * E[2] / max(E[0] * E[0] + E[1] * E[1], 1e-12))
+    for i in range(2):  # the place's field may change its strength, not its declination
+        for j in range(2):
+            P[EARTH + i, EARTH + j] += horizontal * E[i] * E[j]
+    P[EARTH + 2, EARTH + 2] += field * dot(E, E)
     return receiver_m_s, filter_m_s
 
 

@@ -39,6 +39,7 @@ MEMORY_S = 30.0
 # residuals, s. Random walks are given for this time. Velocity helps until it is missing for longer.
 LONG_S = 100.0
 # What has been learnt is forgotten in so long, s: a vehicle's own field, that its compass misled.
+# The strength of a place's field may change by ``NORM_SCALE`` meanwhile.
 FORGET_S = 600.0
 
 

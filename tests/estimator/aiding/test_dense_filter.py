@@ -135,7 +135,7 @@ def test_prediction(rng, error_m_s, seen):
     slow = np.array([before.receiver_error_m_s, before.filter_error_m_s])
     assert fades == pytest.approx(slow * np.array(keeps)[:, None])
     unseen = (PARAMS.gyr_slow_noise_1_s * seen_s) ** 2 * (w @ w) * dt
-    Q = noise_of_step(P, dt, unseen, aliased_turn, off, variances)
+    Q = noise_of_step(P, before.earth_gauss, dt, unseen, aliased_turn, off, variances)
     wanted = predicted(P, R, gained, dt, *keeps) + Q
     np.testing.assert_allclose(now.covariance, wanted, rtol=1e-9, atol=1e-14)
 
@@ -155,9 +155,9 @@ def slow_errors(before, known, dt, force):
     return keeps, variances
 
 
-def noise_of_step(P, dt, unseen, aliased_turn, off, slow_variances):
+def noise_of_step(P, earth_gauss, dt, unseen, aliased_turn, off, slow_variances):
     """(SIZE, SIZE) of one step, whose newest force lies ``off`` the line through two others."""
-    p, aliased_push = PARAMS, dt * off
+    p, E, aliased_push = PARAMS, np.array(earth_gauss), dt * off
     Q = np.zeros((types.SIZE, types.SIZE))
     d = np.einsum("ii->i", Q)
     d[three(types.TURN)] = unseen + (p.integration_noise * aliased_turn) ** 2
@@ -168,6 +168,11 @@ def noise_of_step(P, dt, unseen, aliased_turn, off, slow_variances):
     d[three(types.HARD_IRON)] = np.where(
         np.diag(P)[three(types.HARD_IRON)] < iron, iron * dt / 2500.0, 0.0
     )
+    H, walk = E[:2] @ E[:2], 0.1**2 * dt / 600.0
+    Q[types.EARTH : types.EARTH + 2, types.EARTH : types.EARTH + 2] = (
+        walk * (1.0 + E[2] ** 2 / H) * np.outer(E[:2], E[:2])
+    )
+    d[types.EARTH + 2] = walk * (E @ E)
     d[three(types.RECEIVER_ERROR)], d[three(types.FILTER_ERROR)] = slow_variances
     knock = max(0.0, 1.0 - 16.0 * 5.0 / (off @ off)) * aliased_push**2  # usual: 5 (m/s^2)^2
     for own, sign in (
