@@ -19,7 +19,7 @@ from estimator.conditioning.gather import NOTHING, Gathered
 from estimator.conditioning.state import ConditioningState, forget_bias, forget_field
 from estimator.conditioning.state import apply_turn as turn_memory
 from estimator.conditioning.state import initial_state as initial_conditioning
-from estimator.filter.types import FilterState, initial_state
+from estimator.filter.types import FilterState
 from estimator.geometry.earth import LastPosition
 from estimator.geometry.quaternion import conjugate, exp, multiply, normalize, rotate
 from estimator.live.published import NO_PULL, Pull
@@ -63,7 +63,7 @@ def initial_core(settings: Settings) -> Core:
         time_us=0,
         interval_s=0.0,
         sample=NO_SAMPLE,
-        filter=initial_state(),
+        filter=FilterState(),
         smooth_error=0.0,
         pull=NO_PULL,
         gathered=NOTHING,
@@ -90,8 +90,8 @@ def _blank(params: AidingParams) -> tuple[AidingState, tuple[float, ...], tuple[
 def in_arrays(core: Core) -> Core:
     """A snapshot's core as compiled memory holds it."""
     return core._replace(
-        covariance=square(core.covariance),
-        velocity_history=in_rows(core.velocity_history),
+        covariance=in_rows(core.covariance),
+        velocity_history=in_rows(core.velocity_history, COLUMNS),
         rates=in_rows(core.rates, RATE_COLUMNS),
         reports=in_rows(core.reports, REPORT_SIZE),
     )
@@ -107,14 +107,9 @@ def in_tuples(core: Core) -> Core:
     )
 
 
-def square(covariance: tuple[float, ...]) -> Floats:
-    """The covariance as an array of ``SIZE`` columns."""
-    return np.array(covariance).reshape(-1, SIZE)
-
-
-def in_rows(velocity_history: tuple[float, ...], columns: int = COLUMNS) -> Floats:
-    """The velocity history, or what else has so many columns, as an array."""
-    return np.array(velocity_history, np.float64).reshape(-1, columns)
+def in_rows(values: tuple[float, ...], columns: int = SIZE) -> Floats:
+    """The covariance, or what else has so many columns, as an array."""
+    return np.array(values, np.float64).reshape(-1, columns)
 
 
 def flat(covariance: Floats) -> tuple[float, ...]:
@@ -170,7 +165,7 @@ def with_turned_compass(settings: Settings, now: Core, turn_rad: float, *, is_ai
     now = now._replace(conditioning=forget_field(settings.conditioning, now.conditioning))
     if not is_aided:
         return now
-    P, back = square(now.covariance), exp((0.0, 0.0, -turn_rad))
+    P, back = in_rows(now.covariance), exp((0.0, 0.0, -turn_rad))
     T, iron = np.eye(SIZE), slice(HARD_IRON, HARD_IRON + 3)
     T[iron, iron] = rotation_matrix(back)
     estimate = now.aided.estimate
@@ -190,7 +185,7 @@ def change_imu(settings: Settings, now: Core, *, is_aided: bool) -> Core:
     now = now._replace(conditioning=memory, turning=turning, rates=())
     if not is_aided:
         return now
-    aided, P = forget_biases(settings.aiding, now.aided, square(now.covariance))
+    aided, P = forget_biases(settings.aiding, now.aided, in_rows(now.covariance))
     return now._replace(aided=aided, covariance=flat(P))
 
 

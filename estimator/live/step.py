@@ -33,8 +33,8 @@ from estimator.live.published import (
     widen,
 )
 from estimator.live.refusal import FINE
-from estimator.live.reports import MOST_WAITING, enqueue, take_due_velocities
-from estimator.live.rows import HAS_VERTICAL, IS_RATE, LATE_S, ROW, SIGMA_M_S, TIME, X, Y, Z
+from estimator.live.reports import MOST_WAITING, enqueue, take_due_velocities, velocity_at
+from estimator.live.rows import IS_RATE, ROW, TIME, X, Y, Z
 from estimator.types import NEVER_US, Between, Sample, Vec3
 
 # Why steps end: no more samples, a refused one (:mod:`estimator.live.refusal`), or bits that show
@@ -192,18 +192,16 @@ def take_report_row(handle: Any, row: Floats) -> bool:
 
     A velocity waits for its sample, unless that was the last one or one just before it.
     """
-    time_us, vector = int(row[TIME]), (row[X], row[Y], row[Z])
+    time_us = int(row[TIME])
     if row[IS_RATE] > 0.0:
-        keep_rate(handle, time_us, vector)
+        keep_rate(handle, time_us, (row[X], row[Y], row[Z]))
         return False
     if handle.now.source != AIDED or time_us > handle.time_us:
         handle.reports = enqueue(handle.reports, row, MOST_WAITING)
         return False
-    ago_s = 1e-6 * (handle.time_us - time_us)
-    if ago_s > OLDEST_S:
+    report = velocity_at(row, handle.time_us, OLDEST_S)
+    if not report.given:
         return False
-    has_vertical = row[HAS_VERTICAL] > 0.0
-    report = Report(True, vector, has_vertical, row[SIGMA_M_S], ago_s, row[LATE_S])
     handle.report = report
     return take_late(handle, report)
 
