@@ -3,19 +3,7 @@
 It begins with the heading by the field, or with one by velocity itself.
 """
 
-from math import (
-    atan,
-    atan2,
-    copysign,
-    dist,
-    hypot,
-    inf,
-    isfinite,
-    pi,
-    remainder,
-    sqrt,
-    tan,
-)
+from math import atan, atan2, copysign, dist, hypot, inf, isfinite, pi, remainder, sqrt, tan
 
 import numpy as np
 

@@ -29,14 +29,7 @@ from estimator.live import turning
 from estimator.live.core import Core, in_arrays, initial_core
 from estimator.live.published import NOTHING_PUBLISHED, Published, write
 from estimator.live.refusal import fault_of, is_gap, mean_interval
-from estimator.live.rows import (
-    NO_OUTPUT,
-    NO_REPORT_ROWS,
-    NO_ROWS,
-    REPORT_SIZE,
-    Rows,
-    reading_of,
-)
+from estimator.live.rows import NO_OUTPUT, NO_REPORT_ROWS, NO_ROWS, REPORT_SIZE, Rows, reading_of
 from estimator.live.settings import Settings, settings_of
 from estimator.live.step import (
     AIDED,

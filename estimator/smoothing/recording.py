@@ -24,7 +24,7 @@ class Estimates(NamedTuple):
 
     def part(self, rows: slice) -> "Estimates":
         """Some of them."""
-        return Estimates(self.q_ned_frd[rows], self.sigma_rad[rows], self.is_aided[rows])
+        return Estimates._make(column[rows] for column in self)
 
 
 class Recording(NamedTuple):
