@@ -109,6 +109,10 @@ def new_handle(
 def contents(handle: Any) -> Core:
     """Take the core out; the covariance is a copy."""
     return Core(
+        conditioning=handle.conditioning,
+        aided=handle.aided,
+        covariance=handle.covariance.copy(),
+        velocity_history=handle.velocity_history.copy(),
         time_us=handle.time_us,
         interval_s=handle.interval_s,
         sample=handle.sample,
@@ -116,13 +120,9 @@ def contents(handle: Any) -> Core:
         smooth_error=handle.smooth_error,
         pull=handle.pull,
         gathered=handle.gathered,
-        conditioning=handle.conditioning,
         seen=handle.seen,
         search=handle.search,
-        aided=handle.aided,
         consistency=handle.consistency,
-        covariance=handle.covariance.copy(),
-        velocity_history=handle.velocity_history.copy(),
         turning=handle.turning,
         rates=handle.rates.copy(),
         reports=handle.reports.copy(),

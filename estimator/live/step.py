@@ -143,7 +143,8 @@ def step_aided(handle: Any, now: Situation, report: Report, other: Report) -> in
         north=north,
         place_gauss=reference.place_gauss,
     )
-    aided, covariance, velocity_history = aid(
+    before = handle.aided.estimate.q_ned_frd
+    aided, handle.covariance, handle.velocity_history = aid(
         params.aiding,
         handle.aided,
         handle.covariance,
@@ -152,14 +153,10 @@ def step_aided(handle: Any, now: Situation, report: Report, other: Report) -> in
         report,
         others,
     )
-    before = handle.aided.estimate.q_ned_frd
+    handle.aided = aided
     knows_north = now.knows_north or rolls(params.aiding)
     state = follow_aided(params.filter, reference, handle.filter, aided, knows_north, before)
-    handle.filter = state
-    handle.smooth_error = state.error
-    handle.aided = aided
-    handle.covariance = covariance
-    handle.velocity_history = velocity_history
+    handle.filter, handle.smooth_error = state, state.error
     consistency = watch(params.aiding, handle.consistency, aided, handle.sample, report)
     tau_s = params.filter.rate_time_constant_s
     handle.consistency = compare(consistency, state.q_ned_frd, handle.sample.dt_s, tau_s)
@@ -212,7 +209,7 @@ def take_late(handle: Any, report: Report) -> bool:
 
     Returns whether the search by velocity may have found the attitude.
     """
-    aided, covariance = take_late_report(
+    aided, handle.covariance = take_late_report(
         handle.params.aiding,
         handle.aided,
         handle.covariance,
@@ -221,7 +218,6 @@ def take_late(handle: Any, report: Report) -> bool:
         report,
     )
     handle.aided = aided
-    handle.covariance = covariance
     handle.consistency = compare_report(
         handle.params.aiding, handle.consistency, aided.estimate, report
     )

@@ -32,13 +32,7 @@ from estimator.types import ImuSample, RateSample, Sample, VelocitySample
 
 def first_core(settings: Settings, before: Core, sample: ImuSample) -> Core:
     """Nothing has turned yet. Plain Python: a single step is quicker so than taken into memory."""
-    first = Sample(
-        gyr_rad_s=sample.gyr_rad_s,
-        acc_m_s2=sample.acc_m_s2,
-        mag=sample.mag_gauss,
-        has_mag=sample.has_mag,
-        dt_s=0.0,
-    )
+    first = Sample(*sample[1:], dt_s=0.0)
     gathered, memory, seen = before.gathered, before.conditioning, UNSEEN
     if settings.conditioned:
         handle = SimpleNamespace(params=settings, gathered=gathered, conditioning=memory)
