@@ -46,7 +46,7 @@ class Core(NamedTuple):
     filter: FilterState = FilterState()  # the paper's: attitude, bias, e, gain
     smooth_error: float = 0.0  # e averaged over a second while the vectors are raw, otherwise e
     pull: Pull = NO_PULL  # of raw vectors on the heading; as it was before, while conditioned
-    gathered: Gathered = NOTHING  # by the conditioning stage, with frame G; as that one
+    gathered: Gathered = NOTHING  # by the conditioning stage, with frame G; likewise
     seen: Conditioned = UNSEEN  # of the last sample; blank while the vectors are raw
     search: Search = EMPTY_SEARCH  # for an attitude from velocity only; empty while velocity helps
     consistency: Consistency = NEW_CONSISTENCY  # of measurements and aided attitude; or blank

@@ -186,8 +186,10 @@ class State:
 
     def contradict_compass(self, **changes: object) -> None:
         """Note that velocity has shown another heading now, and what else has changed."""
-        of_verdict = {"confirmed": False, "contradicted_since_us": None}
-        self.change_compass(contradicted_us=self.core.time_us, **of_verdict, **changes)
+        now_us = self.core.time_us
+        self.change_compass(
+            contradicted_us=now_us, confirmed=False, contradicted_since_us=None, **changes
+        )
 
     def change_compass(self, **changes: object) -> None:
         """Replace some of what is known of the compass."""
