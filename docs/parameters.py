@@ -52,9 +52,9 @@ def bounds_of_kinds() -> str:
     """What each kind of number may be, in one sentence."""
     kinds = {name: get_args(hint) for name, hint in vars(bounds).items()}
     reported = [
-        f"{name.lower()} {_bounds_text(*marks[1])}"
+        f"{name.lower()} {_bounds_text(marks[1].ge, marks[1].le)}"
         for name, marks in kinds.items()
-        if len(marks) == 2 and isinstance(marks[1], bounds.Within)
+        if len(marks) == 2 and isinstance(marks[1], Meta)
     ]
     return f"Bounds by the kind of number, in its unit: {', '.join(reported)}."
 

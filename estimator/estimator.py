@@ -29,7 +29,6 @@ from estimator.types import (
     RateSample,
     Vec3,
     VehicleClass,
-    VelocitySample,
 )
 
 # In place of a sample, where rows of them are bound.
@@ -147,10 +146,6 @@ class Estimator:
         if state.core is bound:
             bound.bind_rows(*NO_ROWS_BOUND)
         return taken, next_report
-
-    def update_velocity(self, report: VelocitySample) -> Reason | None:
-        """Take a velocity report, see :meth:`update_report`."""
-        return self.update_report(report)
 
     def update_report(self, report: Any) -> Reason | None:
         """Take a report of something beside the IMU; None, or why it was refused.

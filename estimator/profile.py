@@ -232,8 +232,8 @@ def merge_profile(base: Profile, partial: Mapping[str, Any]) -> Profile:
 def profile_to_json(profile: Profile) -> dict[str, Any]:
     """The profile as plain dictionaries, lists and numbers, every default written out."""
     tree: dict[str, Any] = msgspec.to_builtins(profile)
-    tree["conditioning"] = {**CONDITIONING_DEFAULTS, **tree["conditioning"]}
-    tree["aiding"] = {**AIDING_DEFAULTS, **tree["aiding"]}
+    for section, defaults in DEFAULTS.items():
+        tree[section] = {**defaults, **tree[section]}
     return {section: tree[section] for section in SECTIONS}
 
 
@@ -247,12 +247,10 @@ def profile_to_toml(profile: Profile) -> str:
     return tomli_w.dumps(tree)
 
 
-CONDITIONING_DEFAULTS: dict[str, float | bool] = {
-    "enabled": True,
-    **ConditioningParams._field_defaults,
+DEFAULTS: dict[str, dict[str, float | bool]] = {
+    "conditioning": {"enabled": True, **ConditioningParams._field_defaults},
+    "aiding": AidingParams._field_defaults,
 }
-
-AIDING_DEFAULTS: dict[str, float | bool] = dict(AidingParams._field_defaults)
 
 
 def _from_tree(tree: Mapping[str, Any], where: str) -> Profile:
@@ -264,11 +262,8 @@ def _from_tree(tree: Mapping[str, Any], where: str) -> Profile:
         profile = msgspec.structs.replace(
             profile, membership=dict(zip(memberships.NAMES, k, strict=True))
         )
-        for section, defaults, kind in (
-            ("conditioning", CONDITIONING_DEFAULTS, ConditioningParams),
-            ("aiding", AIDING_DEFAULTS, AidingParams),
-        ):
-            _require_numbers(section, getattr(profile, section), defaults, kind)
+        _require_numbers("conditioning", profile.conditioning, ConditioningParams)
+        _require_numbers("aiding", profile.aiding, AidingParams)
         _require_directions(profile)
     except (msgspec.ValidationError, InputError) as error:
         raise InputError(f"profile {where}: {_in_toml_s_words(str(error))}") from None
@@ -309,20 +304,15 @@ def _complete_membership(given: Mapping[str, float]) -> memberships.Memberships:
     return tuple(given[name] for name in memberships.NAMES)
 
 
-def _require_numbers(
-    section: str,
-    given: Mapping[str, float | bool],
-    defaults: Mapping[str, float | bool],
-    kind: type,
-) -> None:
+def _require_numbers(section: str, given: Mapping[str, float | bool], kind: type) -> None:
     """Switches are true or false; numbers are numbers, within the bounds that ``kind`` declares."""
-    _require_known(section, given, defaults)
+    _require_known(section, given, DEFAULTS[section])
     if "enabled" not in given and section == "conditioning":
         raise InputError(
             "conditioning.enabled is missing (true: for real IMUs, false: the paper's raw vectors)"
         )
     for key, value in given.items():
-        default = defaults[key]
+        default = DEFAULTS[section][key]
         if isinstance(default, bool) != isinstance(value, bool):
             expected = "true or false" if isinstance(default, bool) else "a number"
             raise InputError(f"{section}.{key}: {value!r} should be {expected}")

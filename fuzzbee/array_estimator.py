@@ -196,7 +196,7 @@ class Estimator:
         time_us = self._last_us if time_s is None else microseconds(time_s)
         velocity = (north, east, down if isfinite(down) else 0.0)
         report = VelocitySample(time_us, velocity, isfinite(down), sigma_m_s)
-        self._count(self._inner.update_velocity(report))
+        self._count(self._inner.update_report(report))
 
     def update_batch(
         self,

@@ -13,7 +13,7 @@ from multiprocessing import get_context
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from estimator.compilation.compiled import build, called_kernels
+from estimator.compilation.compiled import called_kernels, entry_point
 from estimator.compilation.kernel_folder import NO_FOLDER, KernelLocator
 
 # What has kernels that commands call; those that take longest come first
@@ -31,7 +31,7 @@ LONGEST = ("advance", "take_report")
 
 def build_one(module: str, name: str) -> None:
     """Compile one kernel, or find it where kernels are kept."""
-    build(getattr(importlib.import_module(module), name))
+    entry_point(getattr(importlib.import_module(module), name))
 
 
 def main() -> int:

@@ -15,7 +15,7 @@ from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.filter import kernel, reference
 from estimator.filter.alignment import quaternion_from_matrix
-from estimator.filter.types import initial_state
+from estimator.filter.types import FilterState
 from estimator.live.settings import settings_of
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from fuzzbee.arguments import array, number, profile_of, rotation, vector
@@ -72,7 +72,7 @@ class PaperFilter:
         by_rules = gain is None or callable(gain) or (isinstance(gain, str) and gain == "noise")
         self._gain = gain if by_rules else _checked(gain)
         start = () if R_hat is None else (quaternion_from_matrix(rotation("R_hat", R_hat)),)
-        self._first = self._state = initial_state(*start)
+        self._first = self._state = FilterState(*start)
 
     def reset(self) -> None:
         """Begin anew at the first attitude, without a bias."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from estimator.compilation.compiled import build, called_kernels, is_compiled_code
+from estimator.compilation.compiled import called_kernels, entry_point, is_compiled_code
 
 # A thread that computes hands over Python's lock when another thread has waited for it this long.
 # The usual 5 ms would make ticks late. With a much shorter time threads interrupt each other so
@@ -70,7 +70,7 @@ def load_kernels() -> None:
     _leave_out_scipy()
     for kernel in called_kernels():
         if kernel.py_func.__module__.startswith(ROOMS):
-            build(kernel)
+            entry_point(kernel)
             for overload in kernel.overloads.values():
                 # 26 MB, with which only another kernel that calls it would be linked
                 overload.library._shared_module = None  # noqa: SLF001 - numba has no other way

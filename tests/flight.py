@@ -117,7 +117,7 @@ def taken_along(estimator, flight, samples):
     for k, sample in enumerate(flight.samples[:samples]):
         estimator.update(sample)
         if k in behind:
-            estimator.update_velocity(behind[k])
+            estimator.update_report(behind[k])
     assert estimator.snapshot.context.phase is Phase.AIDED
     return estimator
 
@@ -132,7 +132,7 @@ def flown(estimator, flight, reports=None, after=None):
         assert estimator.update(sample) is None
         attitudes.append(estimator.attitude(sample.time_us))
         for report in behind.get(k, []):
-            assert estimator.update_velocity(report) is None
+            assert estimator.update_report(report) is None
         if after is not None:
             after(k)
     return attitudes

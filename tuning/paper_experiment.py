@@ -8,7 +8,7 @@ from drivers.simulation.simulated_vehicle import Recording, simulate
 from estimator.arrays import Floats, writable
 from estimator.errors import InputError
 from estimator.filter import kernel
-from estimator.filter.types import initial_state
+from estimator.filter.types import FilterState
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, paper_cost
 from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import Settings, settings_of
@@ -33,7 +33,7 @@ class ExperimentResult(NamedTuple):
 
 def filtered(settings: Settings, signals: Recording) -> tuple[Floats, Floats]:
     """The attitudes before each correction (N, 4) and K (N,), from the settings' first attitude."""
-    chosen = settings.filter, settings.reference, initial_state(settings.initial or IDENTITY)
+    chosen = settings.filter, settings.reference, FilterState(settings.initial or IDENTITY)
     gyr, acc, mag = map(writable, (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss))
     return kernel.run(*chosen, gyr, acc, mag, 1.0 / COST_RATE_HZ)
 

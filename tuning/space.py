@@ -11,14 +11,7 @@ from estimator.calibration import UNCHANGED, Mounting
 from estimator.errors import InputError
 from estimator.filter.memberships import CHAINS, LOWER, NAMES, UPPER
 from estimator.geometry.quaternion import rotate
-from estimator.profile import (
-    AIDING_DEFAULTS,
-    CONDITIONING_DEFAULTS,
-    Profile,
-    parse_profile,
-    profile_to_json,
-    profile_to_toml,
-)
+from estimator.profile import DEFAULTS, Profile, parse_profile, profile_to_json, profile_to_toml
 
 
 class Parameter(NamedTuple):
@@ -47,7 +40,6 @@ COMPASS_TURN = "compass_turn_rad"  # a tuned number that stands in the calibrati
 # The bounds are the shipped values divided and multiplied by this. Further away a parameter no
 # longer does what it is named for.
 SHIPPED_FACTOR = 5.0
-SHIPPED = {"conditioning": CONDITIONING_DEFAULTS, "aiding": AIDING_DEFAULTS}
 
 
 def _around_shipped(**keys: str) -> Space:
@@ -55,7 +47,7 @@ def _around_shipped(**keys: str) -> Space:
     found = []
     for section, names in keys.items():
         for key in names.split():
-            shipped = float(SHIPPED[section][key])
+            shipped = float(DEFAULTS[section][key])
             bounds = shipped / SHIPPED_FACTOR, shipped * SHIPPED_FACTOR
             found.append(Parameter(f"{section}.{key}", *bounds))
     return tuple(found)

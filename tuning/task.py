@@ -11,7 +11,7 @@ import numpy as np
 from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.filter import memberships
-from estimator.filter.types import initial_state
+from estimator.filter.types import FilterState
 from estimator.profile import Profile, Provenance, load_profile
 from estimator.types import IDENTITY
 from tuning.flight import Flight
@@ -152,7 +152,7 @@ class PaperTask(Task):
         if not min(self.base.confidence.gravity, self.base.confidence.magnetic) > 0.0:
             return super().costs(values)
         chosen = paper_settings(self.base)
-        base = Base(chosen.filter, chosen.reference, initial_state(chosen.initial or IDENTITY))
+        base = Base(chosen.filter, chosen.reference, FilterState(chosen.initial or IDENTITY))
         untuned = [*self.base.k, base.params.gamma, base.params.rate_time_constant_s]
         candidates = np.tile(untuned, (len(values), 1))
         candidates[:, [PAPER_NUMBERS.index(parameter.name) for parameter in self.space]] = values

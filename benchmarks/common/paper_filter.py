@@ -18,7 +18,7 @@ from common.recordings import Array
 from scipy.spatial.transform import Rotation
 
 from estimator.filter import kernel
-from estimator.filter.types import initial_state
+from estimator.filter.types import FilterState
 from estimator.geometry.metrics import COST_RATE_HZ, TRANSIENT_WEIGHT
 from estimator.geometry.rotations import unit
 from estimator.live.settings import Settings, settings_of
@@ -186,7 +186,7 @@ def kernel_errors(settings: Settings, on: Signals) -> Array:
     errors = []
     for s in range(len(on.truth)):
         readings = (on.gyr_rad_s[s], on.acc_m_s2[s], on.mag_gauss[s])
-        start = initial_state(settings.initial)
+        start = FilterState(settings.initial)
         q, _ = kernel.run(settings.filter, settings.reference, start, *readings, 1.0 / on.rate_hz)
         errors.append(0.25 * (3.0 - np.sum(matrices(q) * on.truth[s], axis=(-2, -1))))
     return np.array(errors)

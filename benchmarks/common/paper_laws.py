@@ -18,7 +18,7 @@ TABLE = np.array(RULES)
 LARGEST = 124.0  # with a larger K a plain step of 10 ms would be too long
 
 
-@compiled
+@compiled()
 def fuzzy_gains(k, rules, error, rate):
     """k_op (C, S) of memberships (C, 22), by a table of 25 rules: min, max, centroid."""
     gains = np.empty(error.shape)

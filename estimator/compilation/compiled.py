@@ -3,7 +3,7 @@
 import functools
 import os
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar, overload
+from typing import Any, NamedTuple, TypeVar
 
 import numba
 
@@ -40,29 +40,23 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfun
 KERNELS: dict[Any, Types | None] = {}
 
 
-@overload
-def compiled(function: Function) -> Function: ...
-@overload
-def compiled(*, types: Types) -> Callable[[Function], Function]: ...
-def compiled(function: Any = None, *, types: Types | None = None) -> Any:
-    """Compile ``function`` with numba in nopython mode; kept on disk where that is possible.
+def compiled(types: Types | None = None) -> Callable[[Function], Function]:
+    """Compile a function with numba in nopython mode; kept on disk where that is possible.
 
     ``types`` are those of the arguments that commands call it with (:func:`types_of`), to compile
-    ahead (:func:`build`). ``NUMBA_DISABLE_JIT=1`` leaves plain Python.
+    ahead (:func:`entry_point`). ``NUMBA_DISABLE_JIT=1`` leaves plain Python.
     """
-    if function is None:
-        return lambda function: _compiled(function, types)
-    return _compiled(function, None)
 
+    def compiled_one(function: Any) -> Any:
+        if _numba_config.DISABLE_JIT:
+            return function
+        dispatcher: Any = numba.njit(cache=_FOLDER.path is not None, **OPTIONS)(function)
+        if not _FOLDER.is_writable:  # what is missing there is compiled in memory
+            dispatcher._cache.save_overload = lambda *_: None  # noqa: SLF001 - no other way
+        KERNELS[dispatcher] = types
+        return dispatcher
 
-def _compiled(function: Any, types: Types | None) -> Any:
-    if _numba_config.DISABLE_JIT:
-        return function
-    dispatcher: Any = numba.njit(cache=_FOLDER.path is not None, **OPTIONS)(function)
-    if not _FOLDER.is_writable:  # what is missing there is compiled in memory
-        dispatcher._cache.save_overload = lambda *_: None  # noqa: SLF001 - numba has no other way
-    KERNELS[dispatcher] = types
-    return dispatcher
+    return compiled_one
 
 
 def inlined(function: Function) -> Function:
@@ -114,14 +108,11 @@ def called_kernels() -> list[Any]:
     return [kernel for kernel, types in KERNELS.items() if types is not None]
 
 
-def build(kernel: Any) -> None:
-    """Compile a kernel that commands call, or load it from disk."""
-    entry_point(kernel)
-
-
 @functools.cache
 def entry_point(kernel: Any) -> Callable[..., Any]:
     """The form of a kernel for the types that commands call it with; it checks no arguments.
+
+    It is loaded from disk, or compiled if it is not there.
 
     numba's dispatcher looks up the types of the arguments at every call. For a handful of numbers
     and a handle that takes longer than a step of the filter. Without compiled code it is the Python

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, inlined, replacer, types_of
-from estimator.filter.fuzzy import operating_gain
+from estimator.filter.fuzzy import fuzzy_gain
 from estimator.filter.noise_gain import (
     confirmed_error,
     noise_gain,
@@ -26,7 +26,6 @@ from estimator.filter.types import (
     FilterParams,
     FilterState,
     Vectors,
-    initial_state,
 )
 from estimator.geometry.quaternion import (
     add,
@@ -101,7 +100,7 @@ def adaptive_gain(params: FilterParams, error: float, error_rate_1_s: float) -> 
     """K = 1 + k_op (below Eq. (12))."""
     if params.gain_is_fixed:
         return params.fixed_gain
-    return 1.0 + operating_gain(params.memberships, error, error_rate_1_s)
+    return 1.0 + fuzzy_gain(params.memberships, error, error_rate_1_s)
 
 
 @inlined
@@ -180,14 +179,14 @@ def turn_on(
     return with_motion(state, q, gyr_bias_rad_s, rate_rad_s)
 
 
-@compiled
+@compiled()
 def propagate(state: FilterState, gyr_rad_s: Vec3, dt: float) -> FilterState:
     """R_hat <- R_hat exp([Omega_m - b_hat]x dt): Eq. (12), "Attit_Filter", without W."""
     b = state.gyr_bias_rad_s
     return integrate_rate(state, subtract(gyr_rad_s, b), dt, b)
 
 
-@compiled
+@compiled()
 def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: float) -> FilterState:
     """R_hat <- R_hat exp(-[W]x dt), b_hat <- b_hat + gamma/2 vex(...) dt: W and b of Eq. (12).
 
@@ -232,7 +231,7 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     return with_gain(state, e, d, K, True, noise)
 
 
-@compiled
+@compiled()
 def step(
     params: FilterParams, reference: ReferenceParams, state: FilterState, sample: Sample
 ) -> FilterState:
@@ -247,7 +246,7 @@ def paper_arguments() -> tuple[FilterParams, ReferenceParams, FilterState]:
     params = FilterParams(*(0.0,) * 5, memberships=(0.0,) * 22, gain_is_fixed=False,
                           fixed_gain=0.0, gain_knows_noise=False)  # fmt: skip
     reference = ReferenceParams(*(ZERO_VEC3,) * 2, *(0.0,) * 3, place_gauss=ZERO_VEC3)
-    return params, reference, initial_state()
+    return params, reference, FilterState()
 
 
 @compiled(types=lambda: types_of(*paper_arguments(), *(np.zeros((1, 3)),) * 3, 0.0))

@@ -27,7 +27,7 @@ filter's does, dK/dt = kappa (K_rest^2 - K^2): first the estimate is as noisy as
 from math import log, sqrt
 from typing import NamedTuple
 
-from estimator.compilation.compiled import compiled, inlined, replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.filter.fuzzy import RULES
 from estimator.geometry.quaternion import add, cross, dot, scale, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
@@ -213,9 +213,3 @@ def noise_gain(
     floor = noise.error_floor
     ruled = rules_gain(resting, error / floor, max(rise, 0.0) / floor)
     return max(ruled, descend(gain_before, resting, dt))
-
-
-@compiled
-def noise_surface(resting: float, error_floors: float, rate_floors: float) -> float:
-    """:func:`rules_gain`, to be called from Python."""
-    return rules_gain(resting, error_floors, rate_floors)

@@ -47,14 +47,16 @@ NO_DECAY: Decay = (0.0, 0.0)
 
 
 class FilterState(NamedTuple):
-    """What changes. ``has_error`` shows that ``error`` is of an earlier sample, not a blank.
+    """What changes; by default as before the first sample.
+
+    ``has_error`` shows that ``error`` is of an earlier sample, not a blank.
 
     ``rate_rad_s`` is the rate that the last propagation turned the attitude with. ``noise`` is
     measured only for a gain that knows it. ``decay`` is the last step's: even steps share it.
     """
 
-    q_ned_frd: Quaternion
-    gyr_bias_rad_s: Vec3
+    q_ned_frd: Quaternion = IDENTITY
+    gyr_bias_rad_s: Vec3 = ZERO_VEC3
     error: float = 0.0
     error_rate_1_s: float = 0.0
     gain: float = 1.0
@@ -78,13 +80,6 @@ class Vectors(NamedTuple):
     v2_ned: Vec3
     s2: float
     s3: float
-
-
-def initial_state(
-    q_ned_frd: Quaternion = IDENTITY, gyr_bias_rad_s: Vec3 = ZERO_VEC3
-) -> FilterState:
-    """State before the first sample; the error's rate starts at zero."""
-    return FilterState(q_ned_frd, gyr_bias_rad_s)
 
 
 def gain_in_words(params: FilterParams, *, conditioned: bool) -> str:

@@ -3,19 +3,7 @@
 It begins with the heading by the field, or with one by velocity itself.
 """
 
-from math import (
-    atan,
-    atan2,
-    copysign,
-    dist,
-    hypot,
-    inf,
-    isfinite,
-    pi,
-    remainder,
-    sqrt,
-    tan,
-)
+from math import atan, atan2, copysign, dist, hypot, inf, isfinite, pi, remainder, sqrt, tan
 
 import numpy as np
 
@@ -48,7 +36,7 @@ from estimator.geometry.quaternion import (
     shortest_rotation,
 )
 from estimator.live.aided import conditioned_vectors, is_worse
-from estimator.live.core import Core, flat, square, with_attitude
+from estimator.live.core import Core, flat, in_rows, with_attitude
 from estimator.live.iron import MOUNTED_RAD
 from estimator.live.settings import Settings
 from estimator.live.state import State
@@ -150,7 +138,7 @@ def judge_field(state: State, start: Start) -> Start:
         state.turn_compass(off_rad)
         return start._replace(compass_sigma_rad=UNKNOWN_RAD)
     if sigma_rad < 2.0 * LEAST_HEADING_SIGMA_RAD and compass.is_unknown(known, now.time_us):
-        state.change_context(compass=known._replace(confirmed=True))
+        state.change_compass(confirmed=True)
     return start
 
 
@@ -177,7 +165,7 @@ def field_is_usable(state: State, now: Core) -> bool:
     if place is not None:
         learnt = now.conditioning.field.magnetic.reference
         if not compass.resembles(place, learnt.horizontal, learnt.down):
-            state.change_context(compass=state.context.compass._replace(unlike_us=now.time_us))
+            state.change_compass(unlike_us=now.time_us)
     return compass.is_usable(state.context.compass, now.time_us)
 
 
@@ -210,12 +198,11 @@ def give_up(state: State) -> None:
     """
     core = state.core.core
     if core.aided.wheels.contradict:
-        known = state.context.compass._replace(misled_us=core.time_us)
-        state.change_context(compass=known)
+        state.change_compass(misled_us=core.time_us)
         state.enter(Cause.MISLED)
         return
     other = unaided_sigma(state, core)
-    aided, covariance = core.aided, square(core.covariance)
+    aided, covariance = core.aided, in_rows(core.covariance)
     if not is_credible(aided):
         aided, covariance = inflate_covariance(aided, covariance)
     is_consistent = explains_acceleration(aided.acceleration_tilt) and isfinite(hypot(*aided.sigma))
@@ -312,7 +299,7 @@ def start_by_course(settings: Settings, now: Core, report: Report) -> Start | No
 def with_imu_lag(core: Core, lag_s: float, lead_s: float) -> Core:
     """The core with other ages of the IMU's samples, as uncertain as at the beginning."""
     estimate = core.aided.estimate._replace(imu_lag_s=lag_s, acc_lead_s=lead_s)
-    P = square(core.covariance)
+    P = in_rows(core.covariance)
     P[IMU_LAG, :] = P[:, IMU_LAG] = 0.0
     P[IMU_LAG, IMU_LAG] = lag_variance(lag_s)
     return core._replace(aided=core.aided._replace(estimate=estimate), covariance=flat(P))

@@ -40,7 +40,7 @@ from estimator.live.aiding_span import (
     judge_field,
     set_out,
 )
-from estimator.live.core import Core, square
+from estimator.live.core import Core, in_rows
 from estimator.live.iron import MOUNTED_RAD
 from estimator.live.settings import Settings
 from estimator.live.state import State
@@ -67,13 +67,11 @@ def check_compass(state: State, report: Report) -> None:
     is_consistent = known.confirmed or abs(turn_rad) <= REACH * turn_sigma_rad
     if is_consistent and abs(off_rad) <= REACH * sigma_rad:
         is_confirmed = found.sigma_heading_rad < 2.0 * LEAST_HEADING_SIGMA_RAD
-        known = known._replace(
-            confirmed=known.confirmed or is_confirmed, contradicted_since_us=None
-        )
-        state.change_context(compass=known)
+        is_confirmed = known.confirmed or is_confirmed
+        state.change_compass(confirmed=is_confirmed, contradicted_since_us=None)
         return
     since_us = known.contradicted_since_us or now.time_us
-    state.change_context(compass=known._replace(contradicted_since_us=since_us))
+    state.change_compass(contradicted_since_us=since_us)
     lasting_s = 1e-6 * (now.time_us - since_us)
     if lasting_s < least_s(now, known, is_aided_off=abs(off_rad) > REACH * sigma_rad):
         return
@@ -116,13 +114,13 @@ def judge_mounting(state: State, now: Core) -> None:
         return
     if compass.is_unknown(known, now.time_us):
         judge_field(state, Start(estimate.q_ned_frd, now.aided.sigma.heading_rad))
-    variance = square(now.covariance)[COMPASS_TURN, COMPASS_TURN]
+    variance = in_rows(now.covariance)[COMPASS_TURN, COMPASS_TURN]
     if not 0.0 < 2.0 * variance < MOUNTED_RAD**2:
         return
     if abs(estimate.compass_turn_rad) > MOUNTED_RAD:
         state.turn_compass(estimate.compass_turn_rad)
     elif not known.confirmed:
-        state.change_context(compass=known._replace(confirmed=True))
+        state.change_compass(confirmed=True)
 
 
 def mislead(state: State, start: Start, turn_rad: float, report: Report) -> None:
@@ -130,10 +128,7 @@ def mislead(state: State, start: Start, turn_rad: float, report: Report) -> None
     now = state.core.core
     state.enter(Cause.MISLED)
     if rolls(state.settings.aiding):  # iron all around turns a field, too: it is left out
-        known = state.context.compass._replace(
-            contradicted_us=now.time_us, confirmed=False, contradicted_since_us=None
-        )
-        state.change_context(compass=known)
+        state.contradict_compass()
     else:
         state.turn_compass(turn_rad)
     state.set_core(state.core.core._replace(search=now.search))

@@ -11,7 +11,7 @@ from estimator.aiding.consistency import NEW_CONSISTENCY, Consistency
 from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.phase import Phase
 from estimator.aiding.search import EMPTY_SEARCH, Search
-from estimator.aiding.types import HARD_IRON, SIZE, AidingParams, AidingState
+from estimator.aiding.types import HARD_IRON, SIZE, AidingState
 from estimator.aiding.velocity_history import COLUMNS
 from estimator.arrays import Floats
 from estimator.conditioning.condition import Conditioned
@@ -19,7 +19,7 @@ from estimator.conditioning.gather import NOTHING, Gathered
 from estimator.conditioning.state import ConditioningState, forget_bias, forget_field
 from estimator.conditioning.state import apply_turn as turn_memory
 from estimator.conditioning.state import initial_state as initial_conditioning
-from estimator.filter.types import FilterState, initial_state
+from estimator.filter.types import FilterState
 from estimator.geometry.earth import LastPosition
 from estimator.geometry.quaternion import conjugate, exp, multiply, normalize, rotate
 from estimator.live.published import NO_PULL, Pull
@@ -34,64 +34,40 @@ UNSEEN = Conditioned()
 
 
 class Core(NamedTuple):
-    """All that the compiled steps change."""
+    """All that the compiled steps change; by default as before the first sample."""
 
-    time_us: int  # of the last sample, on the vehicle's clock
-    interval_s: float  # mean interval of the samples; 0 before the second one
-    sample: Sample  # the last one
-    filter: FilterState  # the paper's: attitude, bias, e, gain
-    smooth_error: float  # e averaged over a second while the vectors are raw, otherwise e
-    pull: Pull  # of raw vectors on the heading; as it was before, while they are conditioned
-    gathered: Gathered  # by the conditioning stage, with frame G
-    conditioning: ConditioningState  # both as they were before, while the vectors are raw
-    seen: Conditioned  # of the last sample; blank while the vectors are raw
-    search: Search  # for an attitude from velocity only; empty while velocity helps
+    conditioning: ConditioningState  # as it was before, while the vectors are raw
     aided: AidingState  # blank while velocity does not help
-    consistency: Consistency  # of measurements and aided attitude; blank without velocity
     covariance: Any  # of the aiding's errors: (SIZE, SIZE), in a snapshot row by row
     velocity_history: Any  # that it has gained lately: (ROWS, COLUMNS), or row by row
-    turning: Turning  # that others have seen between the IMU's samples
-    rates: Any  # of theirs that wait for a sample: rows as in ``turning``, or row by row
-    reports: Any  # velocities that the samples have not reached: (N, REPORT_SIZE), or row by row
+    time_us: int = 0  # of the last sample, on the vehicle's clock
+    interval_s: float = 0.0  # mean interval of the samples; 0 before the second one
+    sample: Sample = NO_SAMPLE  # the last one
+    filter: FilterState = FilterState()  # the paper's: attitude, bias, e, gain
+    smooth_error: float = 0.0  # e averaged over a second while the vectors are raw, otherwise e
+    pull: Pull = NO_PULL  # of raw vectors on the heading; as it was before, while conditioned
+    gathered: Gathered = NOTHING  # by the conditioning stage, with frame G; likewise
+    seen: Conditioned = UNSEEN  # of the last sample; blank while the vectors are raw
+    search: Search = EMPTY_SEARCH  # for an attitude from velocity only; empty while velocity helps
+    consistency: Consistency = NEW_CONSISTENCY  # of measurements and aided attitude; or blank
+    turning: Turning = STILL  # that others have seen between the IMU's samples
+    rates: Any = ()  # of theirs that wait for a sample: rows as in ``turning``, or row by row
+    reports: Any = ()  # velocities the samples have not reached: (N, REPORT_SIZE), or row by row
 
 
 @lru_cache(maxsize=16)  # that new vehicles begin with
 def initial_core(settings: Settings) -> Core:
     """Before the first sample."""
-    aided, covariance, velocity_history = _blank(settings.aiding)
-    return Core(
-        time_us=0,
-        interval_s=0.0,
-        sample=NO_SAMPLE,
-        filter=initial_state(),
-        smooth_error=0.0,
-        pull=NO_PULL,
-        gathered=NOTHING,
-        conditioning=initial_conditioning(settings.conditioning),
-        seen=UNSEEN,
-        search=EMPTY_SEARCH,
-        aided=aided,
-        consistency=NEW_CONSISTENCY,
-        covariance=covariance,
-        velocity_history=velocity_history,
-        turning=STILL,
-        rates=(),
-        reports=(),
-    )
-
-
-@lru_cache(maxsize=16)
-def _blank(params: AidingParams) -> tuple[AidingState, tuple[float, ...], tuple[float, ...]]:
-    """The aiding while there is none, with covariance and velocity history row by row."""
-    aided, covariance, velocity_history = blank_aiding(params)
-    return aided, flat(covariance), flat(velocity_history)
+    aided, covariance, velocity_history = blank_aiding(settings.aiding)
+    memory = initial_conditioning(settings.conditioning)
+    return Core(memory, aided, flat(covariance), flat(velocity_history))
 
 
 def in_arrays(core: Core) -> Core:
     """A snapshot's core as compiled memory holds it."""
     return core._replace(
-        covariance=square(core.covariance),
-        velocity_history=in_rows(core.velocity_history),
+        covariance=in_rows(core.covariance),
+        velocity_history=in_rows(core.velocity_history, COLUMNS),
         rates=in_rows(core.rates, RATE_COLUMNS),
         reports=in_rows(core.reports, REPORT_SIZE),
     )
@@ -107,14 +83,9 @@ def in_tuples(core: Core) -> Core:
     )
 
 
-def square(covariance: tuple[float, ...]) -> Floats:
-    """The covariance as an array of ``SIZE`` columns."""
-    return np.array(covariance).reshape(-1, SIZE)
-
-
-def in_rows(velocity_history: tuple[float, ...], columns: int = COLUMNS) -> Floats:
-    """The velocity history, or what else has so many columns, as an array."""
-    return np.array(velocity_history, np.float64).reshape(-1, columns)
+def in_rows(values: tuple[float, ...], columns: int = SIZE) -> Floats:
+    """The covariance, or what else has so many columns, as an array."""
+    return np.array(values, np.float64).reshape(-1, columns)
 
 
 def flat(covariance: Floats) -> tuple[float, ...]:
@@ -127,15 +98,14 @@ def without_aiding(settings: Settings, now: Core) -> Core:
 
     What wheels have shown of the compass stays, unless they contradict it.
     """
-    aided, covariance, velocity_history = _blank(settings.aiding)
-    if not now.aided.wheels.contradict:
-        aided = aided._replace(wheels=now.aided.wheels)
+    blank = initial_core(settings)
+    wheels = blank.aided.wheels if now.aided.wheels.contradict else now.aided.wheels
     return now._replace(
-        aided=aided,
-        consistency=NEW_CONSISTENCY,
-        covariance=covariance,
-        velocity_history=velocity_history,
-        search=EMPTY_SEARCH,
+        aided=blank.aided._replace(wheels=wheels),
+        consistency=blank.consistency,
+        covariance=blank.covariance,
+        velocity_history=blank.velocity_history,
+        search=blank.search,
     )
 
 
@@ -170,7 +140,7 @@ def with_turned_compass(settings: Settings, now: Core, turn_rad: float, *, is_ai
     now = now._replace(conditioning=forget_field(settings.conditioning, now.conditioning))
     if not is_aided:
         return now
-    P, back = square(now.covariance), exp((0.0, 0.0, -turn_rad))
+    P, back = in_rows(now.covariance), exp((0.0, 0.0, -turn_rad))
     T, iron = np.eye(SIZE), slice(HARD_IRON, HARD_IRON + 3)
     T[iron, iron] = rotation_matrix(back)
     estimate = now.aided.estimate
@@ -190,7 +160,7 @@ def change_imu(settings: Settings, now: Core, *, is_aided: bool) -> Core:
     now = now._replace(conditioning=memory, turning=turning, rates=())
     if not is_aided:
         return now
-    aided, P = forget_biases(settings.aiding, now.aided, square(now.covariance))
+    aided, P = forget_biases(settings.aiding, now.aided, in_rows(now.covariance))
     return now._replace(aided=aided, covariance=flat(P))
 
 

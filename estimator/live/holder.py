@@ -4,13 +4,12 @@ from collections.abc import Callable
 from functools import cached_property, partial
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
-import numba
 import numpy as np
 
 from estimator.aiding.sources.source import in_types_of, source_of
 from estimator.aiding.types import NO_REPORT, Report
 from estimator.arrays import Floats
-from estimator.compilation.compiled import entry_point
+from estimator.compilation.compiled import entry_point, is_compiled_code
 from estimator.live import kernel_handle
 from estimator.live.core import Core, in_arrays, in_tuples
 from estimator.live.reports import age_s
@@ -20,8 +19,6 @@ from estimator.live.step import Situation
 
 P = ParamSpec("P")
 R = TypeVar("R")
-
-_numba_config: Any = numba.config  # numba ships no types
 
 
 def _step(kernel: "Callable[Concatenate[Any, P], R]") -> "cached_property[Callable[P, R]]":
@@ -60,22 +57,13 @@ class Holder:
     def __init__(self, settings: Settings, core: Core) -> None:
         self._params = kernel_handle.params_of(settings)
         self._core = core
-        self._is_in_python = bool(_numba_config.DISABLE_JIT)
-        self._late_reports: dict[type, Callable[[Any, float], None]] = {}
 
     @property
     def core(self) -> Core:
         """The core as it is now."""
         if "_handle" not in self.__dict__:
             return self._core
-        core: Core = in_tuples(self._contents())
-        if not self._is_in_python:
-            return core
-        # as many rates wait as there are
-        as_put: Core = in_types_of(
-            self._core._replace(rates=core.rates, reports=core.reports), core
-        )
-        return as_put
+        return in_tuples(self._contents())
 
     @property
     def core_in_arrays(self) -> Core:
@@ -88,14 +76,9 @@ class Holder:
         return self._status()[0]
 
     @property
-    def interval_s(self) -> float:
-        """Mean interval of the samples."""
-        return self._status()[1]
-
-    @property
     def integrated_steps(self) -> int:
         """How many steps were integrated through others' rates."""
-        return self._status()[2]
+        return self._status()[1]
 
     @property
     def contradicted_axes(self) -> tuple[bool, bool, bool]:
@@ -115,17 +98,15 @@ class Holder:
 
     def take_other_report(self, report: Any, time_us: int) -> None:
         """Take another source's report that belongs to the last sample, of ``time_us``."""
-        kind, source = type(report), source_of(report)
+        source = source_of(report)
         report = in_types_of(source.blank, report)
-        if kind not in self._late_reports:
-            self._late_reports[kind] = self.bind(kernel_handle.late_report_step(source))
-        self._late_reports[kind](report, age_s(report, time_us))
+        self.bind(kernel_handle.late_report_step(source))(report, age_s(report, time_us))
 
     def bind(self, step: Callable[..., Any]) -> Any:
         """A step that knows what it works on."""
-        if self._is_in_python:
-            return lambda *arguments: _plain_numbers(step(self._handle, *arguments))
-        return partial(step, self._handle)
+        if is_compiled_code():
+            return partial(step, self._handle)
+        return lambda *arguments: _plain_numbers(step(self._handle, *arguments))
 
     @cached_property
     def _handle(self) -> Any:

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
-import numba
 import numpy as np
 from numba.core import types
 from numba.experimental import structref
@@ -19,12 +18,18 @@ from estimator.aiding.correction import correct_last, prediction_at
 from estimator.aiding.sources.source import Source
 from estimator.aiding.types import NO_REPORT, SIZE, Report
 from estimator.arrays import Floats
-from estimator.compilation.compiled import Function, compiled, entry_point
+from estimator.compilation.compiled import (
+    Function,
+    compiled,
+    entry_point,
+    is_compiled_code,
+    types_of,
+)
 from estimator.live import turning
 from estimator.live.core import Core, in_arrays, initial_core
 from estimator.live.published import NOTHING_PUBLISHED, Published, write
 from estimator.live.refusal import fault_of, is_gap, mean_interval
-from estimator.live.rows import NO_OUTPUT, NO_REPORT_ROWS, NO_ROWS, Rows, reading_of
+from estimator.live.rows import NO_OUTPUT, NO_REPORT_ROWS, NO_ROWS, REPORT_SIZE, Rows, reading_of
 from estimator.live.settings import Settings, settings_of
 from estimator.live.step import (
     AIDED,
@@ -43,10 +48,6 @@ from estimator.live.step import (
 from estimator.profile import load_profile
 from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Sample
 
-# numba ships no types
-_numba_config: Any = numba.config
-_typeof: Any = numba.typeof
-
 FIELDS = ("params", "now", "report", "rows", "published", "report_rows", *Core._fields)
 # Outside of a run of rows.
 NO_ROWS_BOUND = (NO_ROWS, NO_OUTPUT, NO_REPORT_ROWS)
@@ -54,7 +55,7 @@ NUMBER, FLAG, WHOLE = types.float64, types.boolean, types.int64
 SAMPLE = (WHOLE, *(NUMBER,) * 9, FLAG)
 
 
-if _numba_config.DISABLE_JIT:
+if not is_compiled_code():
 
     def KernelHandle(*values: Any) -> Any:  # noqa: N802 - in compiled code it is a type
         """What compiled memory is in plain Python: an object with these fields."""
@@ -81,8 +82,8 @@ def example_types() -> tuple[tuple[Any, ...], Any]:
     params, core = params_of(settings), in_arrays(initial_core(settings))
     first = (params, Situation(), NO_REPORT, *NO_ROWS_BOUND)
     fields = zip(FIELDS, (*first, *core), strict=True)
-    handle = _kernel_handle_type([(field, _typeof(value)) for field, value in fields])
-    return tuple(map(_typeof, (params, core, Situation(), *NO_ROWS_BOUND))), handle
+    handle = _kernel_handle_type([(field, *types_of(value)) for field, value in fields])
+    return types_of(params, core, Situation(), *NO_ROWS_BOUND), handle
 
 
 def params_of(settings: Settings) -> Params:
@@ -92,12 +93,8 @@ def params_of(settings: Settings) -> Params:
 
 def takes_handle(*arguments: Any) -> Callable[[Function], Function]:
     """Compile a function of a handle and of ``arguments``, each a type of numba or an example."""
-    others = tuple(a if isinstance(a, types.Type) else _typeof(a) for a in arguments)
-
-    def decorate(function: Function) -> Function:
-        return compiled(types=lambda: (example_types()[1], *others))(function)
-
-    return decorate
+    others = [a if isinstance(a, types.Type) else types_of(a)[0] for a in arguments]
+    return compiled(types=lambda: (example_types()[1], *others))
 
 
 @compiled(types=lambda: example_types()[0])
@@ -112,6 +109,10 @@ def new_handle(
 def contents(handle: Any) -> Core:
     """Take the core out; the covariance is a copy."""
     return Core(
+        conditioning=handle.conditioning,
+        aided=handle.aided,
+        covariance=handle.covariance.copy(),
+        velocity_history=handle.velocity_history.copy(),
         time_us=handle.time_us,
         interval_s=handle.interval_s,
         sample=handle.sample,
@@ -119,13 +120,9 @@ def contents(handle: Any) -> Core:
         smooth_error=handle.smooth_error,
         pull=handle.pull,
         gathered=handle.gathered,
-        conditioning=handle.conditioning,
         seen=handle.seen,
         search=handle.search,
-        aided=handle.aided,
         consistency=handle.consistency,
-        covariance=handle.covariance.copy(),
-        velocity_history=handle.velocity_history.copy(),
         turning=handle.turning,
         rates=handle.rates.copy(),
         reports=handle.reports.copy(),
@@ -133,14 +130,14 @@ def contents(handle: Any) -> Core:
 
 
 @takes_handle()
-def status(handle: Any) -> tuple[int, float, int, turning.Axes, turning.Axes]:
-    """Time (us) of the last sample, the mean interval (s), and others' rates in use.
+def status(handle: Any) -> tuple[int, int, turning.Axes, turning.Axes]:
+    """Time (us) of the last sample, and others' rates in use.
 
     That is how many steps were integrated through those rates, the gyroscope's axes that they
     replace, and the axes that field and force contradict.
     """
     used, replaced = handle.turning.used, handle.turning.stands_in
-    return handle.time_us, handle.interval_s, used, replaced, contradicted_axes(handle)
+    return handle.time_us, used, replaced, contradicted_axes(handle)
 
 
 @takes_handle(*SAMPLE, WHOLE, WHOLE, WHOLE)
@@ -214,21 +211,9 @@ def bind_rows(handle: Any, rows: Rows, published: Floats, report_rows: Floats) -
     handle.report_rows = report_rows
 
 
-@takes_handle(FLAG, WHOLE, *(NUMBER,) * 5, FLAG)
-def take_report(
-    handle: Any,
-    is_rate: bool,
-    time_us: int,
-    x: float,
-    y: float,
-    z: float,
-    sigma_m_s: float,
-    late_s: float,
-    has_vertical: bool,
-) -> bool:
+@takes_handle(np.zeros(REPORT_SIZE))
+def take_report(handle: Any, row: Floats) -> bool:
     """A velocity or body rates, see :func:`estimator.live.step.take_report_row`."""
-    rate, vertical = 1.0 if is_rate else 0.0, 1.0 if has_vertical else 0.0
-    row = np.array((0.0, float(time_us), rate, x, y, z, sigma_m_s, late_s, vertical))
     return take_report_row(handle, row)
 
 

@@ -8,7 +8,7 @@ from estimator.conditioning.params import SPAN_S
 from estimator.conditioning.rate import FAST_STEP_S
 from estimator.conditioning.vertical.tilt import HOLE_RAD_S
 from estimator.reasons import Reason
-from estimator.types import ImuSample, Vec3
+from estimator.types import Vec3
 
 # A rate beyond this is no vehicle's: 70 rad/s is 4000 deg/s, twice the range of common gyroscopes.
 RATE_LIMIT_RAD_S = 70.0
@@ -44,18 +44,6 @@ def fault_of(gyr: Vec3, acc: Vec3, mag: Vec3, is_later: bool = True) -> int:
     if max(abs(acc[0]), abs(acc[1]), abs(acc[2])) > ACC_LIMIT_M_S2:
         return ACCELEROMETER_OUT_OF_RANGE
     return FINE if is_later else NOT_LATER
-
-
-def refusal(sample: ImuSample) -> Reason | None:
-    """Why a sample cannot be used, None if it can."""
-    return REASONS.get(fault_of(sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss))
-
-
-def sample_in_floats(sample: ImuSample) -> ImuSample:
-    """The sample with floats only, as compiled code takes them: a stream may hold integers."""
-    time_us, *vectors, has_mag = sample
-    gyr, acc, mag = ((float(x), float(y), float(z)) for x, y, z in vectors)
-    return ImuSample(time_us, gyr, acc, mag, bool(has_mag))
 
 
 # Of a new interval in the mean, which so goes back over about ten samples.

@@ -45,8 +45,11 @@ def take_due_velocities(
                 earliest[source] = k
             if latest[source] < 0 or at >= waiting[latest[source], TIME]:
                 latest[source] = k
-    one = velocity_at(waiting, latest[0], time_us, oldest_s)
-    other = velocity_at(waiting, latest[1], time_us, oldest_s)
+    one, other = NO_REPORT, NO_REPORT
+    if latest[0] >= 0:
+        one = velocity_at(waiting[latest[0]], time_us, oldest_s)
+    if latest[1] >= 0:
+        other = velocity_at(waiting[latest[1]], time_us, oldest_s)
     a, b = earliest
     is_second = waiting[b, TIME] < waiting[a, TIME] or (
         waiting[b, TIME] == waiting[a, TIME] and b < a
@@ -57,11 +60,8 @@ def take_due_velocities(
 
 
 @inlined
-def velocity_at(waiting: Floats, k: int, time_us: int, oldest_s: float) -> Report:
-    """A row as it is seen from the IMU sample of ``time_us``, if it is there and no older."""
-    if k < 0:
-        return NO_REPORT
-    row = waiting[k]
+def velocity_at(row: Floats, time_us: int, oldest_s: float) -> Report:
+    """A row as it is seen from the IMU sample of ``time_us``, if it is no older."""
     ago_s = 1e-6 * (time_us - int(row[TIME]))
     if ago_s > oldest_s:
         return NO_REPORT

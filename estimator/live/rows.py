@@ -112,9 +112,7 @@ def reading_of(rows: Rows, k: int) -> tuple[int, Vec3, Vec3, Vec3, bool]:
 
 def cut(rows: Rows, begin: int, end: int | None = None, every: int = 1) -> Rows:
     """The rows from ``begin`` up to ``end``, or one in so many of them."""
-    t, g, a, m, has = rows
-    part = slice(begin, end, every)
-    return Rows(t[part], g[part], a[part], m[part], has[part])
+    return Rows._make(column[begin:end:every] for column in rows)
 
 
 def report_rows_of(reports: Iterable[tuple[int, VelocitySample | RateSample]]) -> Floats:

@@ -179,18 +179,22 @@ class State:
 
     def turn_compass(self, turn_rad: float) -> None:
         """Read the compass as turned in the vehicle by so much more (rad, about down)."""
-        known, now = self.context.compass, self.core.core
-        turned_rad = remainder(known.turned_rad + turn_rad, 2.0 * pi)
-        is_aided = self.context.phase is Phase.AIDED
+        turned_rad = remainder(self.context.compass.turned_rad + turn_rad, 2.0 * pi)
+        now, is_aided = self.core.core, self.context.phase is Phase.AIDED
         self.set_core(with_turned_compass(self.settings, now, turn_rad, is_aided=is_aided))
-        self.change_context(
-            compass=known._replace(
-                turned_rad=turned_rad,
-                contradicted_us=now.time_us,
-                confirmed=False,
-                contradicted_since_us=None,
-            )
+        self.contradict_compass(turned_rad=turned_rad)
+
+    def contradict_compass(self, **changes: object) -> None:
+        """Note that velocity has shown another heading now, and what else has changed."""
+        now_us = self.core.time_us
+        self.change_compass(
+            contradicted_us=now_us, confirmed=False, contradicted_since_us=None, **changes
         )
+
+    def change_compass(self, **changes: object) -> None:
+        """Replace some of what is known of the compass."""
+        known = self.context.compass._replace(**changes)  # type: ignore[arg-type]
+        self.change_context(compass=known)
 
     def align(self) -> None:
         """The first heading ever is alignment, not correction: there was none to correct."""

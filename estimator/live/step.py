@@ -33,8 +33,8 @@ from estimator.live.published import (
     widen,
 )
 from estimator.live.refusal import FINE
-from estimator.live.reports import MOST_WAITING, enqueue, take_due_velocities
-from estimator.live.rows import HAS_VERTICAL, IS_RATE, LATE_S, ROW, SIGMA_M_S, TIME, X, Y, Z
+from estimator.live.reports import MOST_WAITING, enqueue, take_due_velocities, velocity_at
+from estimator.live.rows import IS_RATE, ROW, TIME, X, Y, Z
 from estimator.types import NEVER_US, Between, Sample, Vec3
 
 # Why steps end: no more samples, a refused one (:mod:`estimator.live.refusal`), or bits that show
@@ -143,7 +143,8 @@ def step_aided(handle: Any, now: Situation, report: Report, other: Report) -> in
         north=north,
         place_gauss=reference.place_gauss,
     )
-    aided, covariance, velocity_history = aid(
+    before = handle.aided.estimate.q_ned_frd
+    aided, handle.covariance, handle.velocity_history = aid(
         params.aiding,
         handle.aided,
         handle.covariance,
@@ -152,14 +153,10 @@ def step_aided(handle: Any, now: Situation, report: Report, other: Report) -> in
         report,
         others,
     )
-    before = handle.aided.estimate.q_ned_frd
+    handle.aided = aided
     knows_north = now.knows_north or rolls(params.aiding)
     state = follow_aided(params.filter, reference, handle.filter, aided, knows_north, before)
-    handle.filter = state
-    handle.smooth_error = state.error
-    handle.aided = aided
-    handle.covariance = covariance
-    handle.velocity_history = velocity_history
+    handle.filter, handle.smooth_error = state, state.error
     consistency = watch(params.aiding, handle.consistency, aided, handle.sample, report)
     tau_s = params.filter.rate_time_constant_s
     handle.consistency = compare(consistency, state.q_ned_frd, handle.sample.dt_s, tau_s)
@@ -192,18 +189,16 @@ def take_report_row(handle: Any, row: Floats) -> bool:
 
     A velocity waits for its sample, unless that was the last one or one just before it.
     """
-    time_us, vector = int(row[TIME]), (row[X], row[Y], row[Z])
+    time_us = int(row[TIME])
     if row[IS_RATE] > 0.0:
-        keep_rate(handle, time_us, vector)
+        keep_rate(handle, time_us, (row[X], row[Y], row[Z]))
         return False
     if handle.now.source != AIDED or time_us > handle.time_us:
         handle.reports = enqueue(handle.reports, row, MOST_WAITING)
         return False
-    ago_s = 1e-6 * (handle.time_us - time_us)
-    if ago_s > OLDEST_S:
+    report = velocity_at(row, handle.time_us, OLDEST_S)
+    if not report.given:
         return False
-    has_vertical = row[HAS_VERTICAL] > 0.0
-    report = Report(True, vector, has_vertical, row[SIGMA_M_S], ago_s, row[LATE_S])
     handle.report = report
     return take_late(handle, report)
 
@@ -214,7 +209,7 @@ def take_late(handle: Any, report: Report) -> bool:
 
     Returns whether the search by velocity may have found the attitude.
     """
-    aided, covariance = take_late_report(
+    aided, handle.covariance = take_late_report(
         handle.params.aiding,
         handle.aided,
         handle.covariance,
@@ -223,7 +218,6 @@ def take_late(handle: Any, report: Report) -> bool:
         report,
     )
     handle.aided = aided
-    handle.covariance = covariance
     handle.consistency = compare_report(
         handle.params.aiding, handle.consistency, aided.estimate, report
     )

@@ -13,15 +13,16 @@ from estimator.conditioning.condition import condition
 from estimator.filter import kernel
 from estimator.filter.alignment import align
 from estimator.filter.observation import raw_vectors
-from estimator.filter.types import initial_state
+from estimator.filter.types import FilterState
 from estimator.geometry.earth import update_position
 from estimator.geometry.quaternion import exp, multiply, rotate
 from estimator.live.aided import conditioned_vectors
 from estimator.live.aiding_span import begin_aided, give_up
 from estimator.live.compass_check import check_compass
 from estimator.live.core import UNSEEN, Core, with_attitude
-from estimator.live.refusal import RATE_LIMIT_RAD_S, REASONS, refusal, sample_in_floats
+from estimator.live.refusal import FINE, RATE_LIMIT_RAD_S, REASONS, fault_of
 from estimator.live.reports import MOST_WAITING, age_s, take_due
+from estimator.live.rows import report_rows_of
 from estimator.live.settings import Settings
 from estimator.live.state import State
 from estimator.live.step import FIRST_HEADING, GAP, LOST, REPORT, SHOWN, SHOWN_LATE, TAKEN
@@ -31,13 +32,7 @@ from estimator.types import ImuSample, RateSample, Sample, VelocitySample
 
 def first_core(settings: Settings, before: Core, sample: ImuSample) -> Core:
     """Nothing has turned yet. Plain Python: a single step is quicker so than taken into memory."""
-    first = Sample(
-        gyr_rad_s=sample.gyr_rad_s,
-        acc_m_s2=sample.acc_m_s2,
-        mag=sample.mag_gauss,
-        has_mag=sample.has_mag,
-        dt_s=0.0,
-    )
+    first = Sample(*sample[1:], dt_s=0.0)
     gathered, memory, seen = before.gathered, before.conditioning, UNSEEN
     if settings.conditioned:
         handle = SimpleNamespace(params=settings, gathered=gathered, conditioning=memory)
@@ -48,7 +43,7 @@ def first_core(settings: Settings, before: Core, sample: ImuSample) -> Core:
         vectors = raw_vectors(settings.reference, first.acc_m_s2, first.mag, first.has_mag)
     q = align(vectors) if settings.initial is None else settings.initial
     first_step_s = settings.filter.first_step_s
-    state = plain(kernel.correct)(settings.filter, initial_state(q), vectors, first_step_s)
+    state = plain(kernel.correct)(settings.filter, FilterState(q), vectors, first_step_s)
     return before._replace(
         time_us=sample.time_us,
         sample=first,
@@ -82,10 +77,13 @@ def decide(state: State, end: int) -> Reason | None:
 
 def take_sample(state: State, sample: ImuSample) -> Reason | None:
     """Take a sample that is more than a step; None, or why it was refused."""
-    reason = refusal(sample)
-    if reason is not None:
-        return reason
-    sample = sample_in_floats(sample)
+    time_us, *vectors, has_mag = sample
+    fault = fault_of(vectors[0], vectors[1], vectors[2])
+    if fault != FINE:
+        return REASONS[fault]
+    # floats only, as compiled code takes them: a stream may hold integers
+    gyr, acc, mag = ((float(x), float(y), float(z)) for x, y, z in vectors)
+    sample = ImuSample(time_us, gyr, acc, mag, bool(has_mag))
     state.published = None
     if state.context.phase is Phase.EMPTY:
         take_first(state, sample)
@@ -147,8 +145,7 @@ def take_report(state: State, report: Any) -> Reason | None:
         return reason
     core = state.ready()
     if isinstance(report, VelocitySample):
-        time_us, velocity, has_vertical, sigma_m_s, late_s = report
-        if core.take_report(False, time_us, *velocity, sigma_m_s, late_s, has_vertical):
+        if core.take_report(report_rows_of([(0, report)])[0]):
             check_compass(state, core.last_report()[0])
     elif state.context.phase is Phase.AIDED:
         if report.time_us > core.time_us:
@@ -161,11 +158,10 @@ def take_report(state: State, report: Any) -> Reason | None:
 
 def take_rate(state: State, rate: RateSample) -> Reason | None:
     """Take body rates of another message; None, or why they were refused."""
-    x, y, z = rate.rate_rad_s
-    if not all(abs(component) <= RATE_LIMIT_RAD_S for component in (x, y, z)):
+    if not all(abs(component) <= RATE_LIMIT_RAD_S for component in rate.rate_rad_s):
         return Reason.GYROSCOPE_OUT_OF_RANGE  # or no number
     if state.settings.uses_rates:
-        state.core.take_report(True, rate.time_us, x, y, z, 0.0, 0.0, False)
+        state.core.take_report(report_rows_of([(0, rate)])[0])
     return None
 
 

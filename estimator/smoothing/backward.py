@@ -43,10 +43,9 @@ def backward(recording: Recording) -> Estimates:
     recording = recording._replace(rows=recording.rows._replace(has_mag=usable_fields(recording)))
     ages = Ages(recording.last)
     inner = of_reversed_time(recording.last)
-    times_us = recording.rows.times_us  # in time turned round
-    times_us = np.asarray((times_us[-1] - times_us + FIRST_US)[::-1])
-    q, sigma, aided = np.full((n, 4), np.nan), np.full((n, 2), np.nan), np.zeros(n, np.bool_)
     mirrored_us = int(recording.rows.times_us[-1]) + FIRST_US
+    times_us = np.asarray((mirrored_us - recording.rows.times_us)[::-1])  # in time turned round
+    q, sigma, aided = np.full((n, 4), np.nan), np.full((n, 2), np.nan), np.zeros(n, np.bool_)
     reports = turned_round(
         recording.reports, times_us, mirrored_us, ages.of(recording.reports[:, LATE_S]), NO_AGE_S
     )

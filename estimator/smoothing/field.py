@@ -1,13 +1,10 @@
 """The magnetometer's readings without what the estimator has learnt about the magnetometer."""
 
-from math import atan2
-from typing import NamedTuple
-
 import numpy as np
 
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.field.calibration import own_field
-from estimator.conditioning.field.magnetic import MOST_DISTORTION, FieldReference, has_heading
+from estimator.conditioning.field.magnetic import MOST_DISTORTION
 from estimator.conditioning.params import CONFIRM_S
 from estimator.geometry.rotations import cross, rotate, wrap
 from estimator.live.rows import blocks
@@ -16,35 +13,17 @@ from estimator.smoothing.recording import Recording
 from estimator.smoothing.windows import running_mean
 
 
-class Field(NamedTuple):
-    """The magnetometer's readings, and what the place's field is taken for."""
+def corrected_fields(recording: Recording) -> tuple[Floats, float]:
+    """Fields (N, 3) less the vehicle's own, at the samples' times, and what is left of that.
 
-    mag: Floats  # (N, 3) less the vehicle's own field, brought to the samples' times
-    has_mag: Bools  # (N,)
-    reference: FieldReference
-    own_variance: float  # of an axis of the own field that is left, as a share of the place's
-    declination_rad: float
-    is_known: bool  # whether it has a horizontal part that shows a heading
-    unshown_iron_rad: float  # how far iron may turn the heading by it
-
-
-def field_of(recording: Recording) -> Field:
-    """See :func:`estimator.conditioning.field.calibration.correct_field`."""
-    rows, last = recording.rows, recording.last
-    north = last.settings.reference.magnetic_ned
-    magnetometer = last.snapshot.core.conditioning.field
-    learnt = magnetometer.calibration.learnt
+    It is the variance of an axis, as a share of the place's field. See
+    :func:`estimator.conditioning.field.calibration.correct_field`.
+    """
+    learnt = recording.last.snapshot.core.conditioning.field.calibration.learnt
     own, left = own_field(learnt)
     lag_s = late_s(recording) + learnt.lag_s
-    return Field(
-        mag=without_lag(rows.mag_gauss - learnt.scale * np.array(own), recording.rate_rad_s, lag_s),
-        has_mag=rows.has_mag,
-        reference=magnetometer.magnetic.reference,
-        own_variance=left,
-        declination_rad=atan2(north[1], north[0]),
-        is_known=has_heading(magnetometer.magnetic),
-        unshown_iron_rad=last.unshown_iron_rad,
-    )
+    mag = recording.rows.mag_gauss - learnt.scale * np.array(own)
+    return without_lag(mag, recording.rate_rad_s, lag_s), left
 
 
 def without_lag(m: Floats, rate_rad_s: Floats, lag_s: Floats | float) -> Floats:

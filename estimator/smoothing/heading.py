@@ -7,7 +7,7 @@ least squares solution, a tridiagonal system beside three errors of scale: sum (
 (x' - x - a s)^2 / q + s^2 / v. Noises are those of the estimator's own heading.
 """
 
-from typing import NamedTuple
+from math import atan2
 
 import numpy as np
 from scipy.linalg import solveh_banded
@@ -21,8 +21,9 @@ from estimator.conditioning.vertical.averaging import WINDOW_S
 from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.rotations import about_down, multiply, rotate, rotate_inverse, wrap
-from estimator.smoothing.field import Field
+from estimator.smoothing.field import corrected_fields
 from estimator.smoothing.path import Path
+from estimator.smoothing.recording import Recording
 from estimator.smoothing.vertical import Vertical
 from estimator.smoothing.windows import Windows, filled, running_mean
 from estimator.types import DOWN
@@ -39,33 +40,29 @@ SLOW_ERROR_SHARE = 0.05
 UNSEEN = 1e9
 
 
-class Headed(NamedTuple):
-    """The attitude with its heading."""
-
-    q_ned_frd: Floats  # (N, 4)
-    sigma_rad: Floats  # (N,) of the heading
-
-
 def turn_north(
-    params: ConditioningParams, windows: Windows, path: Path, vertical: Vertical, field: Field
-) -> Headed:
-    """The levelled path turned to north."""
-    field_6d = rotate(vertical.q_6d_frd, field.mag)
-    seen, samples = windows.means(field_6d, field.has_mag)
+    recording: Recording, windows: Windows, path: Path, vertical: Vertical
+) -> tuple[Floats, Floats]:
+    """The levelled path turned to north, (N, 4), and the heading's sigma (N,)."""
+    settings = recording.last.settings
+    params, north = settings.conditioning, settings.reference.magnetic_ned
+    reference = recording.last.snapshot.core.conditioning.field.magnetic.reference
+    mag, own_variance = corrected_fields(recording)
+    seen, samples = windows.means(rotate(vertical.q_6d_frd, mag), recording.rows.has_mag)
     known = samples > 0.0
     turning, _ = windows.means(np.sum(path.rate_rad_s**2, axis=1))
-    r = np.where(known, noise(params, seen, field.reference) / WINDOW_S, UNSEEN)
+    r = np.where(known, noise(params, seen, reference) / WINDOW_S, UNSEEN)
     aliasing, count = windows.means(path.aliasing)
     q = walk(params, turning) + (aliasing * count)[1:]
     z = np.where(known, -np.arctan2(seen[:, 1], seen[:, 0]), 0.0)
     x, weight, by_scale = solve(z, r, q, turned(windows, path, vertical), HEADING_REACH_RAD)
-    tilt_variance = 0.5 * steepness(field.reference) * vertical.variance
+    tilt_variance = 0.5 * steepness(reference) * vertical.variance
     variance = variances(r * weight, q) + by_scale
-    variance += constant_error(seen, known, field.reference, tilt_variance)
-    variance += (1.0 + steepness(field.reference)) * field.own_variance
-    heading = windows.at(path.time_s, x) + field.declination_rad
+    variance += constant_error(seen, known, reference, tilt_variance)
+    variance += (1.0 + steepness(reference)) * own_variance
+    heading = windows.at(path.time_s, x) + atan2(north[1], north[0])
     q_ned_frd = multiply(about_down(heading), vertical.q_6d_frd)
-    return Headed(q_ned_frd, np.sqrt(windows.at(path.time_s, variance)))
+    return q_ned_frd, np.sqrt(windows.at(path.time_s, variance))
 
 
 def noise(params: ConditioningParams, seen: Floats, reference: FieldReference) -> Floats:

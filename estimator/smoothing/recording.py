@@ -24,7 +24,7 @@ class Estimates(NamedTuple):
 
     def part(self, rows: slice) -> "Estimates":
         """Some of them."""
-        return Estimates(self.q_ned_frd[rows], self.sigma_rad[rows], self.is_aided[rows])
+        return Estimates._make(column[rows] for column in self)
 
 
 class Recording(NamedTuple):
@@ -102,13 +102,9 @@ def joined(forward: Estimates, backward: Estimates) -> Estimates:
     both = Estimates(multiply(exp(turn), forward.q_ned_frd), sigma, forward.is_aided)
     both = chosen(forward.is_aided & ~backward.is_aided, forward, both)
     both = chosen(backward.is_aided & ~forward.is_aided, backward, both)
-    return fallback(fallback(both, forward), backward)
-
-
-def fallback(first: Estimates, second: Estimates) -> Estimates:
-    """The first, and where that is not known the second."""
-    known = known_rows(first)
-    return first if known.all() else chosen(known, first, second)
+    for each in (forward, backward):
+        both = chosen(known_rows(both), both, each)
+    return both
 
 
 def known_rows(estimates: Estimates) -> Bools:
@@ -119,8 +115,8 @@ def known_rows(estimates: Estimates) -> Bools:
 
 def chosen(rows: Bools, first: Estimates, second: Estimates) -> Estimates:
     """The first where ``rows`` (N,) are true, else the second."""
-    if not rows.any():
-        return second
+    if rows.all() or not rows.any():
+        return first if rows.any() else second
     return Estimates(
         np.where(rows[:, None], first.q_ned_frd, second.q_ned_frd),
         np.where(rows[:, None], first.sigma_rad, second.sigma_rad),

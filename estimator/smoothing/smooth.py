@@ -5,14 +5,26 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator.aiding.search import UNKNOWN_RAD
 from estimator.arrays import Bools, Floats, Times
-from estimator.conditioning.params import LONG_S
+from estimator.conditioning.field.magnetic import has_heading
+from estimator.conditioning.params import LONG_S, QUICK_S
 from estimator.conditioning.rate import FAST_STEP_S
+from estimator.geometry.rotations import about_down, conjugate, cross, heading_of, multiply, rotate
 from estimator.live.rows import BIAS, RATE, SIGMA, Q
 from estimator.smoothing.backward import backward
+from estimator.smoothing.heading import turn_north
+from estimator.smoothing.path import late_s, path_of
 from estimator.smoothing.recorder import Recorder
-from estimator.smoothing.recording import Recording, join, steps_s
-from estimator.smoothing.unaided import LEAST_SAMPLES, pieces, put_unaided
+from estimator.smoothing.recording import Estimates, Recording, join, known_rows, steps_s
+from estimator.smoothing.vertical import level
+from estimator.smoothing.windows import windows_of
+
+# Fewer samples show nothing beyond the estimator's own output.
+LEAST_SAMPLES = 50
+# Long recordings are taken in pieces of so many seconds, with so much of their neighbours at both
+# ends, which bounds the memory. Each piece has its own averaging time.
+PIECE_S, MARGIN_S = 600.0, 100.0
 
 
 class Smoothed(NamedTuple):
@@ -54,6 +66,57 @@ def of_both_ways(recording: Recording) -> Bools:
         has_others = end - begin < len(rows)
         rows[begin:end] |= is_short and has_others and settings.conditioning.in_vehicle
     return rows
+
+
+def put_unaided(recording: Recording, rows: Bools, into: Estimates) -> None:
+    """Put the estimates of these samples (N,), piece by piece, in the place of others."""
+    for begin, end, first, last in pieces(recording):
+        if last - first >= LEAST_SAMPLES and rows[begin:end].any():
+            found = of_piece(recording.part(first, last)).part(slice(begin - first, end - first))
+            known = rows[begin:end] & known_rows(found)
+            into.q_ned_frd[begin:end][known] = found.q_ned_frd[known]
+            into.sigma_rad[begin:end][known] = found.sigma_rad[known]
+
+
+def pieces(recording: Recording) -> Iterator[tuple[int, int, int, int]]:
+    """Rows (begin, end) of one IMU without a hole, and (first, last) of those that help them.
+
+    A long stretch is divided.
+    """
+    times_us = recording.rows.times_us
+    holes = np.flatnonzero(steps_s(recording.rows) > QUICK_S)
+    ends = [*np.union1d(holes, recording.changes).astype(int).tolist(), len(times_us)]
+    before = 0
+    for end in ends:
+        begin = before
+        while begin < end:
+            edges_s = np.array([-MARGIN_S, PIECE_S, PIECE_S + MARGIN_S])
+            edges = np.searchsorted(times_us, times_us[begin] + 1e6 * edges_s).tolist()
+            yield begin, min(edges[1], end), max(edges[0], before), min(edges[2], end)
+            begin = edges[1]
+        before = end
+
+
+def of_piece(recording: Recording) -> Estimates:
+    """The gyroscope's path levelled and turned to north, of samples without a hole."""
+    last, path = recording.last, path_of(recording)
+    windows = windows_of(path.time_s)
+    acc = recording.rows.acc_m_s2  # each at the attitude of its own time
+    felt_g = rotate(path.q_g_frd, acc - late_s(recording) * cross(path.rate_rad_s, acc))
+    vertical = level(last, windows, path, -felt_g)
+    magnetic = last.snapshot.core.conditioning.field.magnetic
+    if has_heading(magnetic) and recording.rows.has_mag.any():
+        q_ned_frd, heading_rad = turn_north(recording, windows, path, vertical)
+    else:
+        # without a field nothing but the way forward shows the heading
+        before = recording.forward
+        heading = heading_of(multiply(before.q_ned_frd, conjugate(vertical.q_6d_frd)))
+        q_ned_frd = multiply(about_down(heading), vertical.q_6d_frd)
+        heading_rad = before.sigma_rad[:, 1]
+    shown = np.hypot(heading_rad, last.unshown_iron_rad)
+    heading_rad = np.minimum(shown, np.maximum(heading_rad, UNKNOWN_RAD))
+    sigma = np.stack([vertical.sigma_rad, heading_rad], axis=-1)
+    return Estimates(q_ned_frd, sigma, recording.forward.is_aided)
 
 
 def smooth_offered(recorder: Recorder, output: Floats) -> Iterator[Any]:

@@ -54,7 +54,7 @@ def require_survival(start, partial):
         late_us = GAP_US * (k > AFTER // 2)
         assert estimator.update(sample._replace(time_us=sample.time_us + late_us)) is None
         if report is not None:
-            estimator.update_velocity(report._replace(time_us=report.time_us + late_us))
+            estimator.update_report(report._replace(time_us=report.time_us + late_us))
         attitude = estimator.attitude(sample.time_us + late_us)
         assert np.isfinite(np.hstack(attitude[:-1])).all(), (partial, k, attitude)
 

@@ -238,7 +238,7 @@ def test_integers_are_numbers(name):
         for k in range(12):
             assert one.update(ImuSample(10_000 * k, zero, down, field, True)) is None
             report = VelocitySample(10_000 * k, zero, True, number(1), number(0))
-            assert one.update_velocity(report) is None
+            assert one.update_report(report) is None
         attitudes.append(one.attitude(120_000))
     assert attitudes[0] == attitudes[1]
 

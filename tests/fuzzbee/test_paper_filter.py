@@ -9,7 +9,7 @@ import pytest
 from drivers.simulation.simulated_vehicle import GRAVITY_NED, MAGNETIC_NED, simulate
 from estimator.filter import kernel, reference
 from estimator.filter.memberships import midpoint
-from estimator.filter.types import Vectors, initial_state
+from estimator.filter.types import FilterState, Vectors
 from fuzzbee import Estimator, InputError, PaperFilter, load_profile
 from fuzzbee.attitudes import Attitudes
 
@@ -36,7 +36,7 @@ def test_on_two_vectors_it_is_the_compiled_filter(gain):
         params = params._replace(gain_knows_noise=True)
     elif gain is not None:
         params = params._replace(gain_is_fixed=True, fixed_gain=gain)
-    state = initial_state()
+    state = FilterState()
     for rate, pair in zip(gyr, unit(vectors), strict=True):
         (v1, v2), (u1, u2) = (map(tuple, rows.tolist()) for rows in (pair, INERTIAL))
         state = kernel.propagate(state, tuple(rate.tolist()), DT)

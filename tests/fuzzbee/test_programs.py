@@ -160,7 +160,7 @@ def test_a_velocity_is_handed_on_as_it_is_at_the_last_samples_time():
         if np.isfinite(v[:2]).all():
             velocity = (v[0] + 0.3, v[1] - 0.2, v[2])
             ours.update_velocity(velocity, sigma_m_s=0.4)
-            live.update_velocity(VelocitySample(time_us, velocity, True, 0.4))
+            live.update_report(VelocitySample(time_us, velocity, True, 0.4))
     assert live.snapshot.context.phase is Phase.AIDED
     assert attitude.q_ned_frd == pytest.approx(expected.q_ned_frd, abs=1e-12)
 

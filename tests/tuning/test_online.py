@@ -215,9 +215,9 @@ def test_noise_has_moved_where_it_doubles_and_not_by_a_stronger_field(noise, fie
     assert has_moved(noise_of(readings()), noise_of(stronger)) == moved
 
 
-# They change nothing, call what is logged, or are logged by whoever keeps segments: a profile ends
-# one. Nor does a property change anything.
-NOT_LOGGED = {"attitude", "update_velocity", "replace_profile"}
+# They change nothing, or are logged by whoever keeps segments: a profile ends one. Nor does a
+# property change anything.
+NOT_LOGGED = {"attitude", "replace_profile"}
 # In place of ``update``, for arrays of samples, which nobody retunes on.
 OF_ARRAYS = {"take", "update_rows"}
 

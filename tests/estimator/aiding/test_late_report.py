@@ -46,7 +46,7 @@ def learnt_from(flying, **changes):
     report = VelocitySample(time_us, (3.0, 19.0, 0.3), True, 0.3)._replace(**changes)
     estimator = Estimator(profile)
     estimator.snapshot = state
-    estimator.update_velocity(report)
+    estimator.update_report(report)
     estimator.update(flight.samples[SAMPLES])
     return numbers(estimator.snapshot)
 
@@ -61,10 +61,10 @@ def test_before_or_behind_its_sample(flying, late_sigma_s):
         estimator = Estimator(profile)
         estimator.snapshot = state
         if when == "before":
-            estimator.update_velocity(report)
+            estimator.update_report(report)
         estimator.update(sample)
         if when == "behind":
-            estimator.update_velocity(report)
+            estimator.update_report(report)
         after[when] = numbers(estimator.snapshot)
     learnt = after["before"] - after["never"]
     assert np.abs(learnt).max() == pytest.approx(18.0, rel=0.2)  # m/s; measured 18.3 and 17.4

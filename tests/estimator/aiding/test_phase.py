@@ -45,7 +45,7 @@ class Pilot:
             report = self._reports.get(self.k) if reports else None
             if report is not None:
                 late = report._replace(time_us=report.time_us + self._late_us)
-                self.estimator.update_velocity(late)
+                self.estimator.update_report(late)
             self.k += 1
         return self
 
@@ -177,7 +177,7 @@ def test_interruptions_change_nothing(flight, state, interruption):
         assert (pilot.phases[-1] is Phase.AIDED) == state.startswith("aided")
         if pilot is broken:
             AS_BEFORE[interruption](pilot.estimator, is_calibrated)
-        pilot.estimator.update_velocity(dict(flight.reports)[pilot.k - 1])
+        pilot.estimator.update_report(dict(flight.reports)[pilot.k - 1])
         pilot.fly(10.0)
     assert broken.estimator.snapshot == straight.estimator.snapshot
 
@@ -185,7 +185,7 @@ def test_interruptions_change_nothing(flight, state, interruption):
 def waiting(one):
     """A report ahead of the IMU."""
     ahead_us = one.snapshot.core.time_us + 30_000
-    one.update_velocity(VelocitySample(ahead_us, (15.0, 1.0, 0.0), True, 0.3))
+    one.update_report(VelocitySample(ahead_us, (15.0, 1.0, 0.0), True, 0.3))
     assert one.snapshot.core.reports[TIME] == ahead_us
 
 

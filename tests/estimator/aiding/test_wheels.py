@@ -60,7 +60,7 @@ def driven(estimator, rows):
     errors, sigmas, begun_s = [], [], None
     for sample, velocity, truth in rows:
         if velocity is not None:
-            assert estimator.update_velocity(velocity) is None
+            assert estimator.update_report(velocity) is None
         assert estimator.update(sample) is None
         output = estimator.attitude(sample.time_us)
         errors.append(np.degrees(angle_errors(output.q_ned_frd, truth)))

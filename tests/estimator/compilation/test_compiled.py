@@ -16,7 +16,9 @@ from tests.programs import NAMESPACE, can_mount, run_python
 
 # One kernel, which compiles within a second.
 SMALL_PROGRAM = """
-from estimator.filter.noise_gain import noise_surface
+from estimator.compilation.compiled import compiled
+from estimator.filter.noise_gain import rules_gain
+noise_surface = compiled()(rules_gain)
 print([noise_surface(1.0 + 0.01 * i, 0.01 * i, 0.013 * i).hex() for i in range(101)])
 """
 MISSES = "print(sum(noise_surface.stats.cache_misses.values()))\n"
@@ -45,7 +47,7 @@ OWN = Path(estimator.__file__).parents[1]
 PROGRAM = """
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.filter import kernel
-from estimator.filter.types import initial_state
+from estimator.filter.types import FilterState
 from estimator.filter.fuzzy import fuzzy_gain
 from estimator.filter.memberships import LOWER, UPPER, midpoint
 from estimator.profile import load_profile
@@ -54,7 +56,7 @@ from estimator.live.settings import settings_of
 chosen = settings_of(load_profile("paper"))
 signals = simulate(5, 200)
 columns = (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss)
-start = initial_state(chosen.initial)
+start = FilterState(chosen.initial)
 q, gains = kernel.run(chosen.filter, chosen.reference, start, *columns, 0.01)
 numbers = [*q[-1].tolist(), float(gains.sum())]
 for k in (LOWER, midpoint(), UPPER):
@@ -189,7 +191,7 @@ with_inner = replacer(Outer, "inner")
 BEFORE = Outer(1.0, Inner((2.0, 3.0), flag=True), 4)
 
 
-@compiled
+@compiled()
 def change(outer: Outer, last: int, first: float) -> Outer:
     return with_inner(with_last_and_first(outer, last, first), Inner((first, first), False))
 

@@ -11,7 +11,7 @@ from drivers.simulation.simulated_vehicle import simulate
 from estimator.filter import kernel, reference
 from estimator.filter.noise_gain import NO_NOISE, NoiseState
 from estimator.filter.observation import raw_vectors
-from estimator.filter.types import NO_DECAY, FilterParams, FilterState, Vectors, initial_state
+from estimator.filter.types import NO_DECAY, FilterParams, FilterState, Vectors
 from estimator.geometry.quaternion import cross, dot, exp, multiply, unit
 from estimator.types import Sample
 from tests.estimator.filter.vehicles import FUZZY, GRAVITY, MAGNETIC, PAPER, fixed, seen_from, three
@@ -117,7 +117,7 @@ def test_both_forms_agree_on_random_states():
 
 @pytest.mark.parametrize("params", [FUZZY, FUZZY._replace(gain_knows_noise=True)])
 def test_both_forms_agree_over_the_papers_experiment(params):
-    plain = fast = initial_state(exp((3.1, 0.1, 0.2)))
+    plain = fast = FilterState(exp((3.1, 0.1, 0.2)))
     for _, gyr, acc, mag, _ in samples_of(simulate(7, 300)):
         vectors = raw_vectors(PAPER, acc, mag, True)
         plain = reference.correct(params, reference.propagate(plain, gyr, 0.01), vectors, 0.01)
@@ -128,7 +128,7 @@ def test_both_forms_agree_over_the_papers_experiment(params):
 
 def test_batch_is_the_single_step_repeated():
     signals = simulate(8, 200)
-    start = initial_state(exp((3.1, 0.1, 0.2)))
+    start = FilterState(exp((3.1, 0.1, 0.2)))
     columns = (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss)
     estimates, gains = kernel.run(FUZZY, PAPER, start, *columns, 0.01)
     state = start
@@ -143,7 +143,7 @@ def test_batch_is_the_single_step_repeated():
 def test_batch_takes_the_first_correction_for_as_long_as_the_parameters_ask():
     """No step (0) leaves the second sample's estimate at the start, 0.01 s moves it by K w dt."""
     signals = simulate(8, 2)
-    start = initial_state(exp((1.0, 0.1, 0.2)))
+    start = FilterState(exp((1.0, 0.1, 0.2)))
     _, acc, mag = still = (np.zeros((2, 3)), signals.acc_m_s2, signals.mag_gauss)
     for step_s in (0.0, 0.003, 0.01):
         params = FUZZY._replace(first_step_s=step_s)
@@ -169,7 +169,7 @@ def test_the_innovation_is_vex_of_the_antisymmetric_part(q, truth):
     np.testing.assert_allclose(ours, expected, atol=1e-13)
     vectors = seen_from(truth, WEIGHED)
     for form in (reference, kernel):
-        state = form.correct(fixed(2.0), initial_state(q), vectors, 0.001)
+        state = form.correct(fixed(2.0), FilterState(q), vectors, 0.001)
         turned = multiply(q, exp(tuple(-2.0 * 0.001 * expected)))
         assert_attitude_close(state.q_ned_frd, turned, 1e-12)
         bias = 0.5 * FUZZY.gamma * 0.001 * expected
@@ -185,7 +185,7 @@ def test_measured_error_is_the_papers_trace_and_the_true_error(q, truth):
     assert by_trace == pytest.approx(true, abs=1e-12)
     vectors = seen_from(truth, WEIGHED)
     for form in (reference, kernel):
-        state = form.correct(fixed(1.0), initial_state(q), vectors, 0.0)
+        state = form.correct(fixed(1.0), FilterState(q), vectors, 0.0)
         assert state.error == pytest.approx(true, abs=1e-12)
 
 
@@ -206,14 +206,14 @@ def test_largest_rate_is_the_largest_eigenvalue():
 def test_error_rate_is_a_low_passed_signed_derivative(backend):
     """A steady slope of -0.2 1/s is found with its sign; after one tau, 63 % of it."""
     dt, tau = 0.001, 0.3
-    state = initial_state()._replace(error=0.9, has_error=True)
+    state = FilterState()._replace(error=0.9, has_error=True)
     for k in range(1, 301):
         error = 0.9 - 0.2 * k * dt
         rate = backend.error_rate(FUZZY, state, error, dt)
         state = state._replace(error=error, error_rate_1_s=rate)
     assert rate == pytest.approx(-0.2 * (1.0 - exponential(-300 * dt / tau)), rel=2e-3)
     # noise that alternates leaves no rate: the derivative is signed, not rectified
-    state = initial_state()._replace(error=0.1, has_error=True)
+    state = FilterState()._replace(error=0.1, has_error=True)
     for k in range(3_000):
         error = 0.1 + 0.01 * (-1.0) ** k
         rate = backend.error_rate(FUZZY, state, error, 0.01)
@@ -225,7 +225,7 @@ def test_error_rate_is_a_low_passed_signed_derivative(backend):
 def test_propagation_is_the_exponential_map(q, gyr, dt):
     for form in (reference, kernel):
         bias = (0.1, -0.2, 0.3)
-        state = initial_state(q, bias)
+        state = FilterState(q, bias)
         turned = form.propagate(state, gyr, dt)
         phi = dt * (np.array(gyr) - bias)
         theirs = scipy_rotation(q) * scipy_rotation(exp(tuple(phi.tolist())))
@@ -252,7 +252,7 @@ def test_opposite_quaternions_give_one_filter(backend):
     for _ in range(50):
         q, vectors = random_quaternion(rng), random_vectors(rng)
         minus = tuple(-x for x in q)
-        one, other = (backend.correct(FUZZY, initial_state(p), vectors, 0.01) for p in (q, minus))
+        one, other = (backend.correct(FUZZY, FilterState(p), vectors, 0.01) for p in (q, minus))
         assert_attitude_close(one.q_ned_frd, other.q_ned_frd, 1e-12)
         assert one.gain == other.gain
         assert one.gyr_bias_rad_s == other.gyr_bias_rad_s

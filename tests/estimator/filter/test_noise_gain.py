@@ -7,7 +7,7 @@ from hypothesis import given
 from drivers.simulation.simulated_vehicle import GYRO_NOISE_RAD_S, VECTOR_NOISE
 from estimator.filter import kernel, noise_gain
 from estimator.filter.observation import raw_vectors
-from estimator.filter.types import initial_state
+from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import exp, rotate_inverse, unit
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
@@ -21,7 +21,7 @@ SAMPLES = 400
 def run(scale, start=None, seed=11, samples=SAMPLES):
     """The states of profile ``adaptive`` over the paper's signals."""
     chosen = settings_of(load_profile("adaptive"))
-    state = initial_state(chosen.initial if start is None else start)
+    state = FilterState(chosen.initial if start is None else start)
     states = []
     for k, s in enumerate(samples_of(simulate_scaled(seed, samples, scale))):
         if k > 0:
@@ -34,16 +34,16 @@ def run(scale, start=None, seed=11, samples=SAMPLES):
 
 @given(FLOORS, FLOORS, FLOORS, floats(noise_gain.RESTING_LEAST, noise_gain.RESTING_MOST))
 def test_the_surface_never_descends(error, rate, more, resting):
-    K = noise_gain.noise_surface(resting, error, rate)
+    K = noise_gain.rules_gain(resting, error, rate)
     assert resting * (1.0 - 1e-12) <= K <= noise_gain.LARGEST_GAIN * (1.0 + 1e-12)
-    assert noise_gain.noise_surface(resting, error + more, rate) >= K * (1.0 - 1e-12)
-    assert noise_gain.noise_surface(resting, error, rate + more) >= K * (1.0 - 1e-12)
+    assert noise_gain.rules_gain(resting, error + more, rate) >= K * (1.0 - 1e-12)
+    assert noise_gain.rules_gain(resting, error, rate + more) >= K * (1.0 - 1e-12)
 
 
 def test_the_surface_has_no_steps():
     """K grows by at most the factor that 2 % of an input make of the table's steepest slope."""
     grid = np.geomspace(1.0, 20.0, 152)
-    K = np.array([[noise_gain.noise_surface(2.0, e, d) for e in grid] for d in grid])
+    K = np.array([[noise_gain.rules_gain(2.0, e, d) for e in grid] for d in grid])
     most = (noise_gain.LARGEST_GAIN / 2.0) ** (0.5 * np.log(grid[1] / grid[0]) / np.log(1.15))
     for axis in (0, 1):
         assert np.exp(np.abs(np.diff(np.log(K), axis=axis))).max() <= most * (1.0 + 1e-9)
@@ -131,7 +131,7 @@ def test_an_error_that_rises_opens_the_gain_and_one_that_falls_does_not(before):
     falls, rises = (
         noise_gain.noise_gain(NOISE, 0.002, sign * 0.024, before, 0.02) for sign in (-1.0, 1.0)
     )
-    opened = noise_gain.noise_surface(resting, 0.5, 6.0)
+    opened = noise_gain.rules_gain(resting, 0.5, 6.0)
     assert opened > 1.5 * resting
     assert falls == pytest.approx(noise_gain.descend(before, resting, 0.02))
     assert rises == pytest.approx(max(opened, falls))

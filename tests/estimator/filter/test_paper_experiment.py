@@ -5,7 +5,7 @@ import pytest
 
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.filter import kernel
-from estimator.filter.types import initial_state
+from estimator.filter.types import FilterState
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, paper_cost
 from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import settings_of
@@ -38,7 +38,7 @@ def true_errors(signals, fixed_gain):
         estimates, _ = kernel.run(
             chosen.filter,
             chosen.reference,
-            initial_state(chosen.initial),
+            FilterState(chosen.initial),
             one.gyr_rad_s,
             one.acc_m_s2,
             one.mag_gauss,

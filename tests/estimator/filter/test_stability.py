@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from estimator.filter import kernel, reference
 from estimator.filter.fuzzy import fuzzy_gain
 from estimator.filter.observation import ReferenceParams
-from estimator.filter.types import initial_state
+from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate_inverse, scale, unit
 from tests.estimator.filter.vehicles import FUZZY, GRAVITY, MAGNETIC, fixed, seen_from, three
 from tests.vocabulary import (
@@ -32,7 +32,7 @@ GAPS_S = (0.0115, 0.05, 0.5, 1.0, 7.0, 60.0)
 
 def error_after(backend, params, q, truth, dt, steps=1):
     """Error angles after each correction while the vehicle rests at ``truth``."""
-    state = initial_state(q)
+    state = FilterState(q)
     errors = []
     for _ in range(steps):
         state = backend.correct(params, state, seen_from(truth), dt)
@@ -52,7 +52,7 @@ def test_a_long_step_never_overshoots(backend, dt):
     for gain in GAINS:
         for axis in axes.T:
             q = multiply(truth, exp(tuple((small * axis).tolist())))
-            state = backend.correct(fixed(gain), initial_state(q), seen_from(truth), dt)
+            state = backend.correct(fixed(gain), FilterState(q), seen_from(truth), dt)
             left = multiply((truth[0], *scale(-1.0, truth[1:])), state.q_ned_frd)
             factor = 2.0 * np.dot(np.copysign(1.0, left[0]) * np.array(left[1:]), axis) / small
             # a factor of exp(-K lambda dt) below 1e-7 is lost in the second order of the angle
@@ -84,7 +84,7 @@ def test_no_confidence_makes_the_error_grow(backend, confidence):
     for gain, dt in ((1, 1.0), (101, 0.01), (101, 0.0025), (101, 1.0)):
         truth = random_quaternion(rng)
         q = multiply(truth, exp(scale(0.1, random_unit_vector(rng))))
-        state = backend.correct(fixed(gain), initial_state(q), seen_from(truth, measured), dt)
+        state = backend.correct(fixed(gain), FilterState(q), seen_from(truth, measured), dt)
         assert angle_rad(state.q_ned_frd, truth) < 0.1
 
 
@@ -104,7 +104,7 @@ def test_no_step_makes_the_measured_error_grow(truth, axis, angle, gain, dt):
         v, u, _ = three(estimate, truth, (1.0, 1.0, 1.0))
         return 3.0 - sum(dot(x, y) for x, y in zip(v, u, strict=True))
 
-    state = kernel.correct(fixed(gain, gamma=0.0), initial_state(q), seen_from(truth), dt)
+    state = kernel.correct(fixed(gain, gamma=0.0), FilterState(q), seen_from(truth), dt)
     assert lyapunov(state.q_ned_frd) <= lyapunov(q) * (1.0 + 1e-9) + 1e-12
 
 
@@ -134,7 +134,7 @@ def test_coupled_poles_lie_within_the_unit_circle():
             for column in range(6):
                 x = np.zeros(6)
                 x[column] = h = 1e-6
-                state = initial_state(exp(tuple(x[:3])), tuple(x[3:]))
+                state = FilterState(exp(tuple(x[:3])), tuple(x[3:]))
                 state = kernel.propagate(state, (0.0, 0.0, 0.0), 1.0 / rate_hz)
                 state = kernel.correct(fixed(gain), state, seen_from(truth), 1.0 / rate_hz)
                 w, *r = state.q_ned_frd
@@ -147,7 +147,7 @@ def test_coupled_poles_lie_within_the_unit_circle():
 def test_behind_a_gap_the_fuzzy_gain_is_that_of_the_error_s_rate_over_it(backend, gap_s):
     """The paper's controller; the error grows by what the bias drifts meanwhile, and no more."""
     truth, drift = exp((0.3, -0.5, 0.7)), 0.0
-    state = initial_state(multiply(truth, exp((0.05, -0.02, 0.03))))
+    state = FilterState(multiply(truth, exp((0.05, -0.02, 0.03))))
     for number, dt in enumerate((*[0.01] * 20, gap_s, *[0.01] * 20)):
         drift += dt * sqrt(dot(state.gyr_bias_rad_s, state.gyr_bias_rad_s))
         before, rate = state, 0.0
@@ -168,7 +168,7 @@ def test_behind_a_gap_the_fuzzy_gain_is_that_of_the_error_s_rate_over_it(backend
 def test_a_gap_teaches_no_more_bias_than_there_is(backend, gain, gap_s):
     """The drift over a gap comes from the bias: what is learnt of it is a part, with its sign."""
     truth, bias = IDENTITY, np.array((1e-4, -2e-4, 1e-4))
-    state = backend.propagate(initial_state(truth), tuple(bias), gap_s)
+    state = backend.propagate(FilterState(truth), tuple(bias), gap_s)
     state = backend.correct(fixed(gain), state, seen_from(truth), gap_s)
     v = np.array((MAGNETIC, GRAVITY, unit(cross(MAGNETIC, GRAVITY))))
     _, axes = np.linalg.eigh(v.T @ v)
@@ -181,7 +181,7 @@ def test_a_gap_teaches_no_more_bias_than_there_is(backend, gain, gap_s):
 def test_the_bias_stays_bounded(backend):
     """Vectors that contradict the gyroscope for good wind the bias up to its bound, not beyond."""
     params = fixed(1, bias_bound_rad_s=0.2, gamma=5.0)
-    state = initial_state()
+    state = FilterState()
     for k in range(300):
         vectors = seen_from(exp((0.0, 0.0, 0.05 * k)))
         state = backend.correct(
@@ -194,7 +194,7 @@ def test_the_bias_stays_bounded(backend):
 def test_gravity_alone_levels_and_leaves_the_heading(backend):
     heading = exp((0.0, 0.0, 1.2))
     truth = multiply(heading, exp((0.2, -0.4, 0.0)))
-    state = initial_state(multiply(truth, exp((0.5, 0.3, 0.0))))
+    state = FilterState(multiply(truth, exp((0.5, 0.3, 0.0))))
     vectors = seen_from(truth)._replace(s1=0.0)
     for _ in range(400):
         state = backend.correct(fixed(10), state, vectors, 0.01)
@@ -209,7 +209,7 @@ def test_collinear_vectors_count_as_one_direction(backend, sign):
     along = scale(sign, GRAVITY)
     measured = ReferenceParams(along, GRAVITY, 1.0, 1.0, 1.0)
     truth = exp((0.2, -0.4, 0.0))
-    state = initial_state(multiply(truth, exp((0.5, 0.3, 0.0))))
+    state = FilterState(multiply(truth, exp((0.5, 0.3, 0.0))))
     first = backend.correct(FUZZY, state, seen_from(truth, measured), 0.0)
     u, v = rotate_inverse(state.q_ned_frd, GRAVITY), rotate_inverse(truth, GRAVITY)
     assert first.error == pytest.approx(0.5 * (1.0 - dot(u, v)), abs=1e-12)
@@ -225,7 +225,7 @@ def test_almost_collinear_vectors_keep_error_and_state_finite(backend, angle):
     tilted = (np.sin(angle), 0.0, np.cos(angle))
     measured = ReferenceParams(tilted, GRAVITY, 1.0, 1.0, 1.0)
     rng = np.random.default_rng(36)
-    state = initial_state(random_quaternion(rng))
+    state = FilterState(random_quaternion(rng))
     for _ in range(20):
         state = backend.correct(FUZZY, state, seen_from(random_quaternion(rng), measured), 0.01)
         assert_attitude_close(state.q_ned_frd, state.q_ned_frd, 0.0)
@@ -235,7 +235,7 @@ def test_almost_collinear_vectors_keep_error_and_state_finite(backend, angle):
 
 def test_no_vector_at_all_and_the_first_sample_move_nothing(backend):
     """At dt = 0 the error and the gain are set; without a vector the error is 0."""
-    state, seen = initial_state(exp((0.1, 0.2, 0.3)), (0.1, 0.0, 0.0)), seen_from(IDENTITY)
+    state, seen = FilterState(exp((0.1, 0.2, 0.3)), (0.1, 0.0, 0.0)), seen_from(IDENTITY)
     absent = seen._replace(s1=0.0, s2=0.0)
     for vectors, dt in ((absent, 0.0), (absent, 0.01), (absent, 1.0), (seen, 0.0)):
         after = backend.correct(FUZZY, state, vectors, dt)

@@ -9,7 +9,7 @@ from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.rotations import about_down, chained, conjugate, exp, log, rotate
 from estimator.live.rows import ROW, report_of, report_rows_of
 from estimator.profile import load_profile
-from estimator.smoothing import Recorder, smooth_all, unaided
+from estimator.smoothing import Recorder, smooth, smooth_all
 from estimator.smoothing.backward import turned_round
 from estimator.smoothing.field import usable_fields
 from estimator.smoothing.heading import SCALE_SIGMA, least_squares, variances
@@ -73,9 +73,9 @@ def smoothed(flight):
 def test_pieces_with_wide_margins_are_what_the_whole_is(monkeypatch):
     flight = banked_flight(seconds=40.0, rate_hz=50.0)
     whole = smoothed(flight)
-    monkeypatch.setattr(unaided, "PIECE_S", 10.0)
+    monkeypatch.setattr(smooth, "PIECE_S", 10.0)
     np.testing.assert_array_equal(smoothed(flight), whole)
-    monkeypatch.setattr(unaided, "MARGIN_S", 1.0)
+    monkeypatch.setattr(smooth, "MARGIN_S", 1.0)
     assert not np.array_equal(smoothed(flight), whole)
 
 
