@@ -16,16 +16,11 @@ from argparse import Namespace
 from collections.abc import Sequence
 
 import numpy as np
-from common.filters import Filter, chosen_filters, run_whole
+from common.filters import chosen_filters, run_whole
 from common.recordings import Trial, chosen_sets
 from common.report import FOLDERS, MISSING, PLOT, Point, Row, Tables, benchmark, draw, option
 from common.scores import change, mean_of, score
 from common.ways import WAYS
-
-
-def judge(filter_: Filter, trials: Sequence[Trial]) -> list[Row]:
-    """The scores of each recording."""
-    return [{"name": trial.name, **score(trial, *run_whole(filter_, trial))} for trial in trials]
 
 
 def worse(trials: Sequence[Trial], way: str, seed: int) -> list[Trial]:
@@ -38,8 +33,7 @@ def worse(trials: Sequence[Trial], way: str, seed: int) -> list[Trial]:
 def summary(rows: Sequence[Row], base: Sequence[Row]) -> Row:
     """Means over the recordings."""
     totals = [row["total"] for row in rows]
-    means = mean_of([{k: v for k, v in row.items() if k != "name"} for row in rows])
-    found = {"n": len(rows), **means, "worst": max(totals)}
+    found = {"n": len(rows), **mean_of(rows), "worst": max(totals)}
     return {**found, "change": change(totals, [row["total"] for row in base])}
 
 
@@ -61,10 +55,11 @@ def main(options: Namespace) -> Tables:
                 if filter_ is None:
                     table.append({**head, "n": MISSING})
                     continue
-                rows = judge(filter_, made)
+                rows = [score(trial, *run_whole(filter_, trial)) for trial in made]
                 base = rows if base is None else base
                 table.append({**head, **summary(rows, base)})
-                points += [Point(f"{folder}, {way}", r["name"], name, r["total"]) for r in rows]
+                panel, pairs = f"{folder}, {way}", zip(made, rows, strict=True)
+                points += [Point(panel, trial.name, name, row["total"]) for trial, row in pairs]
     if options.plot:
         draw(options.plot, points, "total RMS error, degrees", is_log=True)
     return {"accuracy, degrees": table}

@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from common.mekf import FILTERS, mekf_errors
 from common.paper_filter import Signals, cost, errors_of, kernel_errors, require_equal, signals_of
-from common.paper_laws import KINDS, Kind, fuzzy, tune
+from common.paper_laws import KINDS, fuzzy, tune
 from common.recordings import Array
 from common.report import PLOT, Point, Row, Tables, benchmark, draw, option, seeds
 
@@ -41,8 +41,7 @@ def law_errors(name: str, values: Array, settings: Settings, on: Signals) -> Arr
     """The true e (C, S, N) of candidates (C, D)."""
     if name in FILTERS:
         return mekf_errors(settings, on, values)
-    kind: Kind = KINDS[name]
-    return errors_of(settings, on, kind.law(values), candidates=len(values))
+    return errors_of(settings, on, KINDS[name][0](values), candidates=len(values))
 
 
 def figures(e: Array, rate_hz: float) -> Row:
@@ -81,7 +80,7 @@ def tuned_contenders(options: Namespace) -> tuple[dict[str, Array], list[Row]]:
     """Parameters by name, and the table of them."""
     settings, tuned, rows = settings_of(PAPER), {}, []
     on = signals_of(TUNING_SEEDS[:1] if options.smoke else TUNING_SEEDS, STEADY.stop)
-    spaces = {**{name: kind.space for name, kind in KINDS.items()}, **FILTERS}
+    spaces = {**{name: space for name, (_, space) in KINDS.items()}, **FILTERS}
     most = 0 if options.only == "profiles" else 1 if options.smoke else None
     for name, space in list(spaces.items())[:most]:
         print(f"tuning: {name} ...", file=sys.stderr, flush=True)

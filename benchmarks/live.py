@@ -69,7 +69,9 @@ def measure(shape: Shape, begin_service: BeginService) -> Row:
         for wait_s in (0.0, shape.seconds - trial.WARM_UP_S - 0.2):
             time.sleep(wait_s)
             marks.append((time.time_ns(), [cpu_s(pid) for pid in processes]))
-        memory.extend(trial.memory_mb(pid) for pid in processes[: -len(others)])
+        alone = map(psutil.Process, processes[: -len(others)])
+        # PSS: its own, and its part of what it shares with others
+        memory.extend(round(each.memory_full_info().pss / 2**20, 1) for each in alone)
 
     seen = trial.run(shape, begin_service, meanwhile)
     (begin_ns, before), (end_ns, after) = marks

@@ -37,7 +37,6 @@ PERIOD_S, MAG_EVERY = 1e-3, 10  # of the loop, and samples
 LOOP_SHARES = {"median us": 50.0, "99.9 % us": 99.9, "worst us": 100.0}
 GYR_LSB_RAD_S, ACC_LSB_M_S2 = np.radians(2000.0 / 32768), 16 * 9.80665 / 32768
 MAG_LSB_GAUSS = 0.0015
-LACKING = {"us a sample": MISSING}
 
 Start = Callable[[], Callable[[], object]]  # builds a filter and gives what is to be timed
 Ways = dict[tuple[str, str], tuple[Start, int]]  # by way and filter; how many samples
@@ -95,11 +94,11 @@ def measure(ways: Ways, rounds: int) -> list[Row]:
             begin = time.thread_time()
             run()
             best[key] = min(best[key], 1e6 * (time.thread_time() - begin) / count)
-    rows: list[Row] = []
+    rows, first_us = list[Row](), dict[str, float]()
     for (way, name), us in best.items():
-        first_us = next(each for (of, _), each in best.items() if of == way)
-        figures = {"us a sample": us, "ratio": first_us / us}
-        rows.append({"way": way, "filter": name, **(figures if us < inf else LACKING)})
+        figures = {"us a sample": us, "ratio": first_us.setdefault(way, us) / us}
+        row = {"way": way, "filter": name}
+        rows.append({**row, **(figures if us < inf else {"us a sample": MISSING})})
     return rows
 
 

@@ -83,14 +83,6 @@ def drawn_cases(count: int, seed: int, place: Place | None) -> Iterator[Case]:
         )
 
 
-def judge_all(cases: Sequence[Case], jobs: int) -> list[Judged]:
-    """All verdicts, worst first."""
-    with ProcessPoolExecutor(jobs) as pool:
-        verdicts = list(pool.map(judge, cases, chunksize=8))
-    rows = list(zip(cases, verdicts, strict=True))
-    return sorted(rows, key=lambda row: (row[1].wrong_and_sure_s, row[1].flat_s), reverse=True)
-
-
 def summary(rows: Sequence[Judged]) -> list[Row]:
     """How many cases are wrong and sure for too long, by kind of fault.
 
@@ -149,7 +141,9 @@ def main(options: Namespace) -> Tables:
     cases = [case for case in cases if all(word in str(case) for word in options.only)]
     if not cases:
         raise SystemExit("no such case")
-    rows = judge_all(cases, options.jobs)
+    with ProcessPoolExecutor(options.jobs) as pool:
+        rows = [*zip(cases, pool.map(judge, cases, chunksize=8), strict=True)]
+    rows.sort(key=lambda row: (row[1].wrong_and_sure_s, row[1].flat_s), reverse=True)
     return {
         "worst first": [shown(*row) for row in rows[: options.worst]],
         f"wrong and sure for more than {LASTING_S:g} s": summary(rows),

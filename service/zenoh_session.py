@@ -86,7 +86,12 @@ class OpeningSession:
 
     def close(self) -> None:
         """Close the session as soon as it is open; does not wait for that."""
-        self._opened.add_done_callback(_close_opened)
+
+        def close_opened(opened: "Future[zenoh.Session]") -> None:
+            if opened.exception() is None:
+                close_session(opened.result())
+
+        self._opened.add_done_callback(close_opened)
 
     def _any_session(self) -> "zenoh.Session":
         """With shared memory, or without where the system gives none: /dev/shm read-only or full.
@@ -103,11 +108,6 @@ class OpeningSession:
             self.note = f"zenoh: no shared memory, going on without: {_one_line(error)}"
         settings = (*self._options.settings, "transport/shared_memory/enabled:false")
         return zenoh.open(_config(self._options._replace(settings=settings)))
-
-
-def _close_opened(opened: "Future[zenoh.Session]") -> None:
-    if opened.exception() is None:
-        close_session(opened.result())
 
 
 def close_session(session: "zenoh.Session") -> None:

@@ -13,7 +13,6 @@ from estimator.profile import Profile, merge_profile
 from estimator.types import STANDARD_GRAVITY_M_S2
 from fuzzbee import Estimator, load_profile
 
-HALF_ROOT = np.sqrt(0.5)
 # Body axes are forward, right, down; the recordings' forward, left, up.
 FRD_OF_SENSOR = np.array([1.0, -1.0, -1.0])
 GAUSS_PER_MICRO_TESLA = 0.01
@@ -30,7 +29,7 @@ MADGWICK = {"gain": 0.1}
 # Madgwick's earth frame in ahrs is north-west-up: ENU turned by 90 deg. Mahony's is ENU.
 Q_ENU_EARTH = {
     "Mahony": np.array([1.0, 0.0, 0.0, 0.0]),
-    "Madgwick": np.array([HALF_ROOT, 0.0, 0.0, HALF_ROOT]),
+    "Madgwick": np.sqrt([0.5, 0.0, 0.0, 0.5]),
 }
 
 

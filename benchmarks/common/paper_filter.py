@@ -99,8 +99,8 @@ def errors_of(
     params, dt = settings.filter, 1.0 / on.rate_hz
     A, B, fastest = prepared(settings, on, choices)
     seeds, n = on.gyr_rad_s.shape[:2]
-    R = np.empty((candidates, seeds, 3, 3))
-    R[:] = matrices(np.array(settings.initial)) if start is None else start
+    start = matrices(np.array(settings.initial)) if start is None else start
+    R = np.broadcast_to(start, (candidates, seeds, 3, 3))
     bias, e_before, d = np.zeros((candidates, seeds, 3)), None, np.zeros((candidates, seeds))
     errors = np.empty((candidates, seeds, n))
     step_s = params.first_step_s

@@ -1,7 +1,6 @@
 """What may set the paper's gain: the fuzzy controller by any table of rules, and simpler laws."""
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from common.paper_filter import Law
@@ -50,32 +49,22 @@ def fuzzy(k: Array, rules: Array = TABLE) -> Law:
     return lambda e, d, _: 1.0 + fuzzy_gains(k, rules, e, d)
 
 
-def fixed(p: Array) -> Law:
-    """One gain."""
-    return lambda e, _d, _t: 0.0 * e + p[0]
+def fixed(gains: Array) -> Law:
+    """One gain, of candidates (C, 1)."""
+    return lambda e, _d, _t: 0.0 * e + gains
 
 
-def hysteresis(p: Array) -> Law:
-    """High from one error on, until it is below another."""
+def hysteresis(values: Array) -> Law:
+    """High from one error on, until it is below another; candidates (C, 4)."""
+    low_gain, high_gain, off, on = values.T[:, :, None]
     high = np.array(True)
 
     def law(e: Array, _d: Array, _t: float) -> Array:
         nonlocal high
-        high = np.where(high, e > p[2], e > np.maximum(p[2], p[3]))
-        return np.where(high, p[1] + 0.0 * e, p[0])
+        high = np.where(high, e > off, e > np.maximum(off, on))
+        return np.where(high, high_gain + 0.0 * e, low_gain)
 
     return law
-
-
-class Kind(NamedTuple):
-    """A law with what is tuned of it; ``make`` takes parameters (D, C, 1), or (C, 22) if fuzzy."""
-
-    make: Callable[[Array], Law]
-    space: Space
-
-    def law(self, values: Array) -> Law:
-        """Of candidates (C, D)."""
-        return self.make(values if self.make is fuzzy else np.asarray(values).T[:, :, None])
 
 
 def scales(names: str, lower: tuple[float, ...], upper: tuple[float, ...]) -> Space:
@@ -83,12 +72,14 @@ def scales(names: str, lower: tuple[float, ...], upper: tuple[float, ...]) -> Sp
     return tuple(map(Parameter, names.split(), lower, upper))
 
 
-KINDS = {
-    "fixed K": Kind(fixed, scales("K", (0.5,), (LARGEST,))),
-    "two levels with hysteresis": Kind(
-        hysteresis, scales("low high off on", (0.5, 20.0, 0.001, 0.01), (20.0, LARGEST, 0.2, 0.9))
+# What makes a law of candidates (C, D), and what is tuned of it.
+KINDS: dict[str, tuple[Callable[[Array], Law], Space]] = {
+    "fixed K": (fixed, scales("K", (0.5,), (LARGEST,))),
+    "two levels with hysteresis": (
+        hysteresis,
+        scales("low high off on", (0.5, 20.0, 0.001, 0.01), (20.0, LARGEST, 0.2, 0.9)),
     ),
-    "fuzzy, same budget": Kind(fuzzy, MEMBERSHIP),
+    "fuzzy, same budget": (fuzzy, MEMBERSHIP),
 }
 
 

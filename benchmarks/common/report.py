@@ -105,23 +105,21 @@ def each_log(paths: Iterable[Path], read: Callable[[Path], T]) -> Iterator[tuple
 
 
 def show(tables: Tables, *, as_json: bool) -> None:
-    """Print tables by their titles, for people or as one JSON object."""
+    """Print tables by their titles, for people or as one JSON object.
+
+    For people columns stand under their names, and what a row does not have is a dash.
+    """
     if as_json:
         print(json.dumps(tables))
         return
     for title, rows in tables.items():
         print(f"\n{title}")
-        print_rows(rows)
-
-
-def print_rows(rows: Sequence[Row]) -> None:
-    """Columns under their names; what a row does not have is a dash."""
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    cells = [columns, *([text(row.get(name)) for name in columns] for row in rows)]
-    widths = [max(len(line[i]) for line in cells) for i in range(len(columns))]
-    for line in cells:
-        padded = [cell.ljust(width) for cell, width in zip(line, widths, strict=True)]
-        print("  ".join(padded).rstrip(), flush=True)
+        columns = list(dict.fromkeys(name for row in rows for name in row))
+        cells = [columns, *([text(row.get(name)) for name in columns] for row in rows)]
+        widths = [max(len(line[i]) for line in cells) for i in range(len(columns))]
+        for line in cells:
+            padded = [cell.ljust(width) for cell, width in zip(line, widths, strict=True)]
+            print("  ".join(padded).rstrip(), flush=True)
 
 
 def text(value: Any) -> str:

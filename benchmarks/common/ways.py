@@ -18,11 +18,8 @@ def means(trial: Trial, _: Rng, rate_hz: float) -> Trial:
         return trial
     ends = trial.cut(slice(block - 1, None, block))
     n = len(ends.moving)
-
-    def mean(x: Array) -> Array:
-        return np.ascontiguousarray(x[: n * block].reshape(n, block, 3).mean(axis=1))
-
-    gyr, acc, mag = map(mean, (trial.gyr_rad_s, trial.acc_m_s2, trial.mag_ut))
+    columns = (trial.gyr_rad_s, trial.acc_m_s2, trial.mag_ut)
+    gyr, acc, mag = (x[: n * block].reshape(n, block, 3).mean(axis=1) for x in columns)
     return replace(ends, gyr_rad_s=gyr, acc_m_s2=acc, mag_ut=mag, averaged=True)
 
 

@@ -135,7 +135,10 @@ def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals
 
     def sense(signal: Array, sigma: float, bias: float, cutoff_hz: float) -> Array:
         noise = left_over * sigma * (0.1 + 0.9 * moving[:, None]) * rng.standard_normal((n, 3))
-        return _low_pass(signal + bias * rng.standard_normal(3) + noise, cutoff_hz)
+        wrong = signal + bias * rng.standard_normal(3) + noise
+        b, a = butter(2, cutoff_hz, fs=FINE_HZ)
+        start = lfilter_zi(b, a)[:, None] * wrong[:1]
+        return np.asarray(lfilter(b, a, wrong, axis=0, zi=start)[0])
 
     return Signals(
         sense(motion.rate, s.gyr, s.gyr_bias, s.gyr_hz),
@@ -145,12 +148,6 @@ def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals
         motion.velocity + _slow(n, flight.receiver.slow_m_s, flight.receiver.tau_s, rng),
         np.cumsum(motion.velocity, axis=0) / FINE_HZ,
     )
-
-
-def _low_pass(signal: Array, cutoff_hz: float) -> Array:
-    b, a = butter(2, cutoff_hz, fs=FINE_HZ)
-    start = lfilter_zi(b, a)[:, None] * signal[:1]
-    return np.asarray(lfilter(b, a, signal, axis=0, zi=start)[0])
 
 
 def _averaged_field(R: Array, motion: Motion, s: Sensors, rng: np.random.Generator) -> Array:

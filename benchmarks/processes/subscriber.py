@@ -5,7 +5,6 @@ attitude: vehicle, Unix time of the callback in ns, time of the tick in us, the 
 sample in us, sequence.
 """
 
-import json
 import sys
 import time
 from array import array
@@ -14,6 +13,8 @@ import msgspec
 import numpy as np
 import zenoh
 
+from service.zenoh_session import OpeningSession, ZenohOptions
+
 
 class Seen(msgspec.Struct):
     """What is looked at of an attitude record."""
@@ -21,15 +22,6 @@ class Seen(msgspec.Struct):
     time_unix_us: int
     age_ms: float
     sequence: int
-
-
-def client(endpoint: str) -> zenoh.Session:
-    """A Zenoh client of the session at ``endpoint``."""
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    return zenoh.open(config)
 
 
 def main() -> None:
@@ -44,7 +36,7 @@ def main() -> None:
         vehicle = 1000 * (int(component or 1) - 1) + int(system)
         rows.extend((vehicle, now_ns, seen.time_unix_us, round(seen.age_ms * 1e3), seen.sequence))
 
-    with client(endpoint) as session:
+    with OpeningSession(ZenohOptions(connect=(endpoint,), mode="client")).session() as session:
         session.declare_subscriber("fuzzbee/*/attitude", on_attitude)
         print("ready", flush=True)
         sys.stdin.read()

@@ -11,10 +11,9 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import psutil
 from common.report import Row
 
 from tests.fuzzbee.processes import free_port
@@ -116,24 +115,12 @@ def _begun(arguments: list[str], word: str, **pipes: int) -> Process:
     pipes |= {"stdout": subprocess.PIPE}
     environment, command = {**os.environ, "COLUMNS": "500"}, [sys.executable, *arguments]
     process = subprocess.Popen(command, text=True, env=environment, **pipes)  # noqa: S603
-    await_word(process.stderr or process.stdout, word)
-    return process
-
-
-def await_word(stream: IO[str] | None, word: str) -> None:
-    """Read until a line has ``word`` in it."""
-    assert stream is not None
     lines = []
-    for line in stream:
+    for line in process.stderr or process.stdout or ():
         lines.append(line.strip())
         if word in line:
-            return
+            return process
     raise SystemExit(f"a process ended early: {lines}")
-
-
-def memory_mb(pid: int) -> float:
-    """Memory of a process alone, and its part of what it shares with others (PSS)."""
-    return round(psutil.Process(pid).memory_full_info().pss / 2**20, 1)
 
 
 def figures(seen: Seen, window_ns: tuple[int, int], publish_hz: float) -> Row:

@@ -234,7 +234,13 @@ def _quantity(
     if not parts or kind.axes is None:
         return tuple(parts)
     along = entry.axes or (axes if kind.axes is BODY_AXES else "") or next(iter(kind.axes))
-    return _turned(parts, along, kind.axes)
+    chosen = kind.axes.get(along) if isinstance(along, str) else along
+    if chosen is None or sorted(each.lstrip("-+") for each in chosen) != ["x", "y", "z"]:
+        known = ", ".join(kind.axes)
+        raise InputError(f'axes {along!r}: must be {known} or such as ["y", "x", "-z"]')
+    # forward, right, down (or north, east, down) of x, y, z along those axes
+    sources = [(parts["xyz".index(each[-1])], each.startswith("-")) for each in chosen]
+    return tuple((i, -factor if minus else factor) for (i, factor), minus in sources)
 
 
 def _by_title(text: CsvText, name: str, kind: Kind) -> list[tuple[int, str]]:
@@ -297,17 +303,6 @@ def _factor(text: CsvText, what: str, index: int, unit: str, units: Mapping[str,
     if unit:
         raise InputError(f"{what}: no unit of it is known as {unit!r} ({known})")
     raise InputError(f"the unit of {what}, column {text.titles()[index]!r}, is not given; {HELP}")
-
-
-def _turned(
-    parts: Sequence[Part], axes: str | tuple[str, ...], named: Mapping[str, tuple[str, str, str]]
-) -> tuple[Part, ...]:
-    """Forward, right, down (or north, east, down) of x, y, z along those axes."""
-    chosen = named.get(axes) if isinstance(axes, str) else axes
-    if chosen is None or sorted(each.lstrip("-+") for each in chosen) != ["x", "y", "z"]:
-        raise InputError(f'axes {axes!r}: must be {", ".join(named)} or such as ["y", "x", "-z"]')
-    sources = [(parts["xyz".index(each[-1])], each.startswith("-")) for each in chosen]
-    return tuple((i, -factor if minus else factor) for (i, factor), minus in sources)
 
 
 def _compact(name: str) -> str:

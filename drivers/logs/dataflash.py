@@ -166,8 +166,8 @@ def _notes(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
 
 ATTITUDES = frozenset(("ATT", "XKQ", "NKQ", "NKQ1", "SIM"))
 UNTIMED = frozenset(("PARM", "MSG", "EV"))  # their times are looked at where they matter
-FILTERS = frozenset(("XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4"))
-NAMES = {"IMU", "IMU2", "IMU3", "MAG", "GPS", "ARM", "MODE"} | ATTITUDES | FILTERS | UNTIMED
+NAMES = {"IMU", "IMU2", "IMU3", "MAG", "GPS", "ARM", "MODE"} | ATTITUDES | UNTIMED
+NAMES |= {"XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4"}
 
 
 def _unix_us(row: Row) -> int | None:

@@ -52,7 +52,14 @@ def messages(window: Window, wanted: Collection[str]) -> Iterator[tuple[str, Row
             return end, () if _learn(formats, form.row(data, position)) else (None,)
         return end, ((form.name, form.row(data, position)),) if form.name in wanted else ()
 
-    return window.records(0, read, lambda at: _next_sound(window.data, at, formats))
+    def search(position: int) -> int | None:
+        while (position := window.data.find(HEAD, position)) >= 0:
+            if _sound(window.data, position, formats) is not None:
+                return position
+            position += 1
+        return None
+
+    return window.records(0, read, search)
 
 
 def _sound(data: bytes, position: int, formats: dict[int, Format]) -> Format | None:
@@ -62,15 +69,6 @@ def _sound(data: bytes, position: int, formats: dict[int, Format]) -> Format | N
     form = formats.get(data[position + 2])
     end = 0 if form is None else position + form.length
     return form if end == len(data) or data[end : end + 2] == HEAD else None
-
-
-def _next_sound(data: bytes, position: int, formats: dict[int, Format]) -> int | None:
-    """Where the next sound message is."""
-    while (position := data.find(HEAD, position)) >= 0:
-        if _sound(data, position, formats) is not None:
-            return position
-        position += 1
-    return None
 
 
 def _learn(formats: dict[int, Format], row: Row) -> bool:

@@ -19,7 +19,6 @@ from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import LEAST_BACK_US, REORDERED_US
 from estimator.errors import InputError
 from estimator.reasons import Reason
-from estimator.types import Vec3
 
 IMU_TOPICS = ("sensor_combined", "vehicle_imu")  # the first that is there is used
 MAG_TOPICS = ("vehicle_magnetometer", "sensor_mag")
@@ -94,9 +93,8 @@ def _events(vehicle: LoggedVehicle, found: Found) -> list[Event]:
         case "vehicle_status":
             is_armed = row["arming_state"] == ARMING_STATE_ARMED
             return [ModeChange(vehicle.id, vehicle.arrival_us, is_armed)]
-        case _:
-            is_damage = topic == DAMAGE
-            return [vehicle.malformed()] if is_damage else _aiding_events(vehicle, topic, row)
+        case _:  # damage has none of the fields
+            return _aiding_events(vehicle, topic, row)
 
 
 def _vehicle_imu(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
@@ -129,7 +127,11 @@ def _aiding_events(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
     elif row["fix_type"] >= GPS_FIX_TYPE_3D_FIX:
         velocity = (row["vel_n_m_s"], row["vel_e_m_s"], row["vel_d_m_s"])
         sigma_m_s = row.get("s_variance_m_s") or None  # zero where it is unknown
-        return vehicle.fix(topic, Fix(velocity, sigma_m_s=sigma_m_s, position=_position(row)))
+        if "latitude_deg" in row:
+            position = row["latitude_deg"], row["longitude_deg"], row["altitude_msl_m"]
+        else:  # until 2023
+            position = row["lat"] * 1e-7, row["lon"] * 1e-7, row["alt"] * 1e-3
+        return vehicle.fix(topic, Fix(velocity, sigma_m_s=sigma_m_s, position=position))
     return []
 
 
@@ -227,13 +229,6 @@ def _with_epochs(rows: Iterable[Found | None], overview: _Overview) -> Iterator[
             latest_us[row.topic] = row.time_us, last_us
         yield epoch, row
     yield from ((epoch, each) for topic in behind.values() for each in topic)
-
-
-def _position(row: Row) -> Vec3:
-    """Latitude and longitude in degrees, altitude in m; until 2023 in 1e-7 degrees and mm."""
-    if "latitude_deg" in row:
-        return row["latitude_deg"], row["longitude_deg"], row["altitude_msl_m"]
-    return row["lat"] * 1e-7, row["lon"] * 1e-7, row["alt"] * 1e-3
 
 
 def _in_byte(value: float | None, default: int) -> int:

@@ -110,11 +110,14 @@ class Connection:
         elif self._is_up and not self._transport.connected:
             self._note_down("the last client has left")
         now_s = time.monotonic()
-        if packets:
-            self._note_data()
-        else:
+        if not packets:
             is_silent = bool(self._is_up) and not self._has_data
             self._notify(self._diagnostics.silence(now_s, is_silent=is_silent))
+        elif not self._has_data:  # only they show that a link works: a server may close at once
+            self._has_data, self._retry_s = True, FIRST_RETRY_S
+            attempts = self._diagnostics.end_failures()
+            after = f" after {attempts} failed attempts" if attempts else ""
+            _logger.info("%s: data arrives%s", self.endpoint, after)
         if now_s >= self._loss_look_s:
             self._count_lost(now_s)
         return packets
@@ -161,15 +164,6 @@ class Connection:
             self._note_break(error)
         else:
             raise error
-
-    def _note_data(self) -> None:
-        """Only bytes show that a link works: a server may accept and close at once."""
-        if self._has_data:
-            return
-        self._has_data, self._retry_s = True, FIRST_RETRY_S
-        attempts = self._diagnostics.end_failures()
-        after = f" after {attempts} failed attempts" if attempts else ""
-        _logger.info("%s: data arrives%s", self.endpoint, after)
 
     def _note_break(self, error: OSError | InputError) -> None:
         reason, now_s = getattr(error, "strerror", None) or str(error), time.monotonic()

@@ -21,6 +21,7 @@ def __getattr__(name: str) -> int:
     return number
 
 
+@cache
 def mavlink() -> Any:
     """Import pymavlink's ardupilotmega dialect (it includes common), late: it takes 40 ms."""
     os.environ["MAVLINK20"] = "1"  # read by pymavlink when it is imported

@@ -65,8 +65,7 @@ class Outbound:
         InputError: the requested rate is not positive.
     """
 
-    def __init__(self, endpoint: Endpoint, request_rate_hz: float | None, policy: Policy) -> None:
-        rate_hz = request_rate_hz
+    def __init__(self, endpoint: Endpoint, rate_hz: float | None, policy: Policy) -> None:
         if rate_hz is not None and not (isfinite(rate_hz) and 0 < rate_hz <= 1000):
             raise InputError(f"the requested rate must be above 0 and up to 1000 Hz, not {rate_hz}")
         self._rate_hz = rate_hz or 0.0  # 0: nothing is asked for
@@ -86,8 +85,21 @@ class Outbound:
         for event in events:
             self._handle(event, now_us)
         for stream in self._streams.values():
-            if now_us >= stream.due_us:
-                self._act(stream, now_us)
+            if now_us < stream.due_us or stream.phase == "given_up":
+                continue
+            if stream.phase == "asking" and stream.repeats > MOST_REPEATS:
+                self._fail(stream, "does not answer", now_us)
+            elif stream.phase == "measuring":  # no sample came to be judged
+                self._fail(stream, f"accepted, but sends no {stream.message.name}", now_us)
+            else:
+                if stream.phase == "pausing":
+                    stream.ask(now_us)
+                message = message_interval_request(
+                    stream.vehicle, stream.message.number, 1e6 / self._rate_hz, stream.repeats
+                )
+                self._send(stream.vehicle.system_id, message, now_us)
+                stream.repeats += 1
+                stream.due_us = now_us + ACK_TIMEOUT_US
         notices, self._notices = self._notices, []
         return notices
 
@@ -133,21 +145,6 @@ class Outbound:
             case events.CommandAck(vehicle=vehicle, command=mav.MAV_CMD_SET_MESSAGE_INTERVAL):
                 if vehicle in self._streams:
                     self._take_answer(self._streams[vehicle], event.result, now_us)
-
-    def _act(self, stream: _Stream, now_us: int) -> None:
-        if stream.phase == "asking" and stream.repeats > MOST_REPEATS:
-            self._fail(stream, "does not answer", now_us)
-        elif stream.phase == "measuring":  # no sample came to be judged
-            self._fail(stream, f"accepted, but sends no {stream.message.name}", now_us)
-        elif stream.phase != "given_up":
-            if stream.phase == "pausing":
-                stream.ask(now_us)
-            message = message_interval_request(
-                stream.vehicle, stream.message.number, 1e6 / self._rate_hz, stream.repeats
-            )
-            self._send(stream.vehicle.system_id, message, now_us)
-            stream.repeats += 1
-            stream.due_us = now_us + ACK_TIMEOUT_US
 
     def _take_answer(self, stream: _Stream, result: int, now_us: int) -> None:
         if stream.phase != "asking" or result == mav.MAV_RESULT_IN_PROGRESS:

@@ -171,8 +171,10 @@ class _Writer:
         """The file; a new one where it was taken away, or where a folder's is long enough."""
         self.look()
         file, is_gone = self._file, self._damage in ("removed", "replaced")
-        if file is not None and not is_gone and not self._is_over(file, arrival_us):
-            return file
+        if file is not None and not is_gone:
+            is_long = abs(arrival_us - self._begun_us) >= MAX_FILE_US
+            if not (self._in_folder and (is_long or file.size >= MAX_FILE_BYTES)):
+                return file
         try:
             following = TlogFile(self._following_path(arrival_us))
         except InputError as error:
@@ -185,10 +187,6 @@ class _Writer:
             file = following
         self._begun_us = arrival_us
         return file
-
-    def _is_over(self, file: TlogFile, arrival_us: int) -> bool:
-        is_long = abs(arrival_us - self._begun_us) >= MAX_FILE_US
-        return self._in_folder and (is_long or file.size >= MAX_FILE_BYTES)
 
     def _following_path(self, arrival_us: int) -> Path:
         """Where to go on: in the file that was, or in a folder's file of that time."""

@@ -140,8 +140,11 @@ class SimulatedAutopilot:
             due: list[Message] = []
             if self._heartbeat.is_due(now_us):
                 due.append(heartbeat(mav.MAV_TYPE_QUADROTOR, mav.MAV_AUTOPILOT_ARDUPILOTMEGA))
-            if self._next.time_us <= now_us:
-                due += self._sample_messages(self._next)
+            if (sample := self._next).time_us <= now_us:
+                numbers = [n for n, each in self._streams.items() if each.is_due(sample.time_us)]
+                if mav.RAW_IMU_ID not in numbers and mav.SIM_STATE_ID in numbers:
+                    numbers.remove(mav.SIM_STATE_ID)
+                due += [self._message(number, sample) for number in numbers]
                 self._next = next(self._vehicle)
             if not self._vehicle.is_silent(now_us):
                 messages += due
@@ -161,12 +164,6 @@ class SimulatedAutopilot:
         if message.target_component not in (0, self.id.component_id):
             return b""
         return self._frames(answer(message), unix_us)
-
-    def _sample_messages(self, sample: Sample) -> list[Message]:
-        due = [each for each, stream in self._streams.items() if stream.is_due(sample.time_us)]
-        if mav.RAW_IMU_ID not in due and mav.SIM_STATE_ID in due:
-            due.remove(mav.SIM_STATE_ID)
-        return [self._message(each, sample) for each in due]
 
     def _message(self, number: float, s: Sample) -> Message:
         match number:

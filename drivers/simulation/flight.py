@@ -52,7 +52,10 @@ def flight_truth(time_s: Floats) -> FlightTruth:
     """The flight at times (N,) in s from its start."""
     q = _attitude(time_s)
     velocity, force = _derivatives(time_s)
-    force[:, 0] += _shake(time_s)
+    # acceleration north of a copter in somebody's hands, m/s^2
+    fading = 1.0 - _step(time_s / SET_DOWN_S)
+    swing = (2 * np.pi * SHAKE_HZ) ** 2 * SHAKE_M
+    force[:, 0] += fading * swing * np.cos(2 * np.pi * SHAKE_HZ * time_s)
     force[:, 2] -= STANDARD_GRAVITY_M_S2
     h = RATE_STEP_S
     before, after = _attitude(time_s - h), _attitude(time_s + h)
@@ -94,22 +97,6 @@ def _position(time_s: Floats) -> Floats:
     return np.stack([north, east, down], axis=1)
 
 
-def _yaw(time_s: Floats) -> Floats:
-    """Two rounds to the right in each round of the flight, unevenly."""
-    t = time_s % ROUND_S
-    share = _step((t - TURNS_S[0]) / (TURNS_S[1] - TURNS_S[0]))
-    yaw: Floats = 0.5 + 4 * np.pi * share + 2.0 * np.sin(2 * np.pi * share)
-    return yaw
-
-
-def _shake(time_s: Floats) -> Floats:
-    """Acceleration north of a copter in somebody's hands, m/s^2."""
-    fading = 1.0 - _step(time_s / SET_DOWN_S)
-    swing = (2 * np.pi * SHAKE_HZ) ** 2 * SHAKE_M
-    acceleration: Floats = fading * swing * np.cos(2 * np.pi * SHAKE_HZ * time_s)
-    return acceleration
-
-
 def _rise_and_fall(t: Floats, span: tuple[float, float], ramp_s: float) -> Floats:
     """1 within the span, 0 outside it; the ramps are smooth."""
     return _step((t - span[0]) / ramp_s) * _step((span[1] - t) / ramp_s)
@@ -137,7 +124,9 @@ def _attitude(time_s: Floats) -> Floats:
     down = -acceleration - DRAG_1_S * velocity
     down[:, 2] += STANDARD_GRAVITY_M_S2
     down /= np.linalg.norm(down, axis=1, keepdims=True)
-    yaw = _yaw(time_s)
+    # two rounds to the right in each round of the flight, unevenly
+    share = _step((time_s % ROUND_S - TURNS_S[0]) / (TURNS_S[1] - TURNS_S[0]))
+    yaw = 0.5 + 4 * np.pi * share + 2.0 * np.sin(2 * np.pi * share)
     nose = np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)], axis=1)
     right = np.cross(down, nose)
     right /= np.linalg.norm(right, axis=1, keepdims=True)

@@ -209,25 +209,21 @@ class SimulatedVehicle:
         """Samples number ``first``, ``first`` + 1, ..., the first at attitude ``start``."""
         while True:
             truth, start = _true_chunk(self.motion, rate_hz, first, start)
-            yield self._measured(truth)
             first += CHUNK_SAMPLES
-
-    def _measured(self, truth: Recording) -> Recording:
-        """Truth plus bias and noise."""
-        # Omega_m = Omega + b + n and v_i^B = R^T v_i^I + b_i^B + n_i^B
-        exact = np.hstack([truth.gyr_rad_s, truth.mag_gauss, truth.acc_m_s2])
-        noise = self._noise * self._generator.standard_normal(exact.shape)
-        gyr, mag, acc = np.split(exact + self._bias + noise, 3, axis=1)
-        if self._magnet is not None:
-            begin, end = self._magnet
-            since_s = truth.time_us * 1e-6 % self._round_s - begin
-            phase = np.clip(since_s / (end - begin), 0.0, 1.0)
-            # (4 x (1 - x))^2 is sin^2(pi x) to within 0.07, and the same bit for bit in any block
-            mag[:, 1] += MAGNET_PEAK_GAUSS * (4.0 * phase * (1.0 - phase)) ** 2
-        if self._errors is not None:
-            readings = zip(self._errors, (gyr, acc, mag), strict=True)
-            gyr, acc, mag = (v @ matrix.T + bias for (matrix, bias), v in readings)
-        return _read_only(truth._replace(gyr_rad_s=gyr, acc_m_s2=acc, mag_gauss=mag))
+            # Omega_m = Omega + b + n and v_i^B = R^T v_i^I + b_i^B + n_i^B
+            exact = np.hstack([truth.gyr_rad_s, truth.mag_gauss, truth.acc_m_s2])
+            noise = self._noise * self._generator.standard_normal(exact.shape)
+            gyr, mag, acc = np.split(exact + self._bias + noise, 3, axis=1)
+            if self._magnet is not None:
+                begin, end = self._magnet
+                since_s = truth.time_us * 1e-6 % self._round_s - begin
+                phase = np.clip(since_s / (end - begin), 0.0, 1.0)
+                # (4 x (1 - x))^2 is sin^2(pi x) to within 0.07, and has the same bits in any block
+                mag[:, 1] += MAGNET_PEAK_GAUSS * (4.0 * phase * (1.0 - phase)) ** 2
+            if self._errors is not None:
+                readings = zip(self._errors, (gyr, acc, mag), strict=True)
+                gyr, acc, mag = (v @ matrix.T + bias for (matrix, bias), v in readings)
+            yield _read_only(truth._replace(gyr_rad_s=gyr, acc_m_s2=acc, mag_gauss=mag))
 
 
 def true_rate(motion: Motion, time_s: Floats) -> Floats:

@@ -48,26 +48,26 @@ class SimSource(Player, Closing):
         self._next = None
 
     def _flown(self) -> Iterator[Event]:
-        yield events.LinkUp(self._start_unix_us, f"sim:{self._vehicle.motion}")
-        for sample in self._vehicle:
-            if not self._vehicle.is_silent(sample.time_us):
-                yield from self._sample_events(sample)
-
-    def _sample_events(self, sample: Sample) -> Iterator[Event]:
         """What the simulated autopilot shows by MAVLink, as exact events."""
-        time_us, about = sample.time_us, (self._id, self._start_unix_us + sample.time_us)
-        if self._heartbeat.is_due(time_us):
-            yield events.Heartbeat(*about, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, mav.MAV_TYPE_QUADROTOR)
-            yield events.BuiltIn(*about, self._vehicle.motion)
-            yield from (events.Parameter(*about, name, value) for name, value in PARAMETERS)
-        yield events.Imu(*about, time_us, "RAW_IMU", imu_sample(sample))
-        yield events.ReferenceAttitude(*about, time_us, "sim", "SIM_STATE", sample.q_ned_frd)
-        if self._vehicle.knows_place and self._place.is_due(time_us):
-            name, fix = "GLOBAL_POSITION_INT", Fix(velocity_reported(sample, 1.0, self._receiver))
-            yield events.Position(*about, time_us, name, *geodetic(sample.position_ned_m))
-            velocity = velocity_sample(name, fix, time_us)
-            if velocity is not None:
-                yield events.Velocity(*about, name, velocity)
+        motion = self._vehicle.motion
+        yield events.LinkUp(self._start_unix_us, f"sim:{motion}")
+        for sample in self._vehicle:
+            time_us, about = sample.time_us, (self._id, self._start_unix_us + sample.time_us)
+            if self._vehicle.is_silent(time_us):
+                continue
+            if self._heartbeat.is_due(time_us):
+                kind = mav.MAV_AUTOPILOT_ARDUPILOTMEGA, mav.MAV_TYPE_QUADROTOR
+                yield events.Heartbeat(*about, *kind)
+                yield events.BuiltIn(*about, motion)
+                yield from (events.Parameter(*about, name, value) for name, value in PARAMETERS)
+            yield events.Imu(*about, time_us, "RAW_IMU", imu_sample(sample))
+            yield events.ReferenceAttitude(*about, time_us, "sim", "SIM_STATE", sample.q_ned_frd)
+            if self._vehicle.knows_place and self._place.is_due(time_us):
+                name = "GLOBAL_POSITION_INT"
+                fix = Fix(velocity_reported(sample, 1.0, self._receiver))
+                yield events.Position(*about, time_us, name, *geodetic(sample.position_ned_m))
+                if (velocity := velocity_sample(name, fix, time_us)) is not None:
+                    yield events.Velocity(*about, name, velocity)
 
 
 def imu_sample(sample: Sample) -> ImuSample:

@@ -16,7 +16,6 @@ from struct import Struct
 from typing import TYPE_CHECKING, Any
 
 from drivers.events import VehicleId
-from estimator.types import ImuSample
 from service.records import AttitudeRecord, Evicted, Output, Published, StatusRecord, vehicle_name
 from service.sinks import ros_messages as ros
 from service.zenoh_session import Topic
@@ -57,27 +56,20 @@ class RosSink:
         for output in outputs:
             match output:
                 case Published(vehicle=vehicle, record=AttitudeRecord() as record):
-                    self._put_attitude(vehicle, record, output.sample)
+                    # with the specific force of the last sample, and as a transform
+                    acc = None if output.sample is None else output.sample.acc_m_s2
+                    body, now_us = f"{_hardware(vehicle)}/base_link", record.time_unix_us
+                    topic = imu_topic(self._prefix, vehicle)
+                    self._publish(topic, ros.IMU_TYPE, ros.imu_message(record, acc, body), now_us)
+                    self._publish(ros.TF_TOPIC, ros.TF_TYPE, ros.tf_message(record, body), now_us)
                 case Published(vehicle=vehicle, record=StatusRecord() as status):
                     now_us = output.time_unix_us
                     message = ros.diagnostics_message(status, now_us, _hardware(vehicle))
-                    publisher = self._publisher(ros.DIAGNOSTICS_TOPIC, ros.DIAGNOSTICS_TYPE)
-                    publisher.publish(message, now_us)
+                    self._publish(ros.DIAGNOSTICS_TOPIC, ros.DIAGNOSTICS_TYPE, message, now_us)
                 case Evicted(vehicle=vehicle):
                     imu = self._publishers.pop(imu_topic(self._prefix, vehicle), None)
                     if imu is not None:
                         imu.withdraw()
-
-    def _put_attitude(
-        self, vehicle: VehicleId, record: AttitudeRecord, sample: ImuSample | None
-    ) -> None:
-        """The attitude, with the specific force of the last sample, and as a transform."""
-        acc = None if sample is None else sample.acc_m_s2
-        topic, body = imu_topic(self._prefix, vehicle), f"{_hardware(vehicle)}/base_link"
-        imu = self._publisher(topic, ros.IMU_TYPE)
-        imu.publish(ros.imu_message(record, acc, body), record.time_unix_us)
-        tf = self._publisher(ros.TF_TOPIC, ros.TF_TYPE)
-        tf.publish(ros.tf_message(record, body), record.time_unix_us)
 
     def close(self) -> None:
         """Withdraw the publishers and the node."""
@@ -88,14 +80,14 @@ class RosSink:
                 publisher.withdraw()
             self._node.undeclare()
 
-    def _publisher(self, topic: str, kind: str) -> "Publisher":
+    def _publish(self, topic: str, kind: str, message: bytes, unix_us: int) -> None:
         if topic not in self._publishers:
             self._declared += 1
             node = self._token("MP", self._declared)
             token = f"{node}/{topic.replace('/', NOT_SET)}/{kind}/{QUALITY}"
             key = f"{self._domain}{topic}/{kind}"
             self._publishers[topic] = Publisher(self._session, key, token)
-        return self._publishers[topic]
+        self._publishers[topic].publish(message, unix_us)
 
     def _token(self, kind: str, number: int) -> str:
         """The node's liveliness token, or the beginning of a publisher's."""

@@ -6,7 +6,6 @@ import errno
 import os
 from typing import Any
 
-from drivers.endpoint import Endpoint
 from drivers.mavlink.transports.transport import RECEIVE_BYTES, Packet, Transport, unix_us
 from estimator.errors import InputError
 
@@ -17,9 +16,7 @@ MOST_UNSENT_SERIAL_BYTES = 2048
 class SerialLine(Transport):
     """A serial device at a fixed baud rate, for us alone."""
 
-    def __init__(self, endpoint: Endpoint) -> None:
-        super().__init__(endpoint)
-        self._port: Any = None
+    _port: Any = None  # None: closed
 
     def open(self) -> None:
         import serial

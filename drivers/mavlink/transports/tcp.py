@@ -32,10 +32,8 @@ KEEPALIVE_OPTIONS = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 
 class TcpClient(Transport):
     """Connects to a TCP server."""
 
-    def __init__(self, endpoint: Endpoint) -> None:
-        super().__init__(endpoint)
-        self._stream: _Stream | None = None
-        self._deadline_s = 0.0
+    _stream: "_Stream | None" = None  # None: not connected
+    _deadline_s = 0.0
 
     @property
     def connected(self) -> bool:
