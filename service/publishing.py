@@ -170,29 +170,28 @@ class HostClock:
         self._even = Offsets(0, 0.0)  # those since two last differed by EVEN_SPREAD_US
 
     def observe(self, vehicle_us: int, arrival_us: int) -> None:
-        """Take a message of ``vehicle_us`` that arrived at ``arrival_us``."""
+        """Take a message of ``vehicle_us`` that arrived at ``arrival_us``.
+
+        The offset moves if the latest ones show that a clock was set or stood still.
+        """
         offset_us = seen_us = float(arrival_us - vehicle_us)
         if self._at_us is None:
             self._window, self._even = Offsets(vehicle_us, seen_us), Offsets(vehicle_us, seen_us)
         else:
             bound_us = self.offset_us + MAX_DRIFT * max(0, arrival_us - self._at_us)
-            offset_us = self._follow_steps(vehicle_us, seen_us, min(bound_us, seen_us))
+            offset_us, even, window = min(bound_us, seen_us), self._even, self._window
+            even.add(seen_us)
+            is_long = vehicle_us - even.begin_us >= EVEN_US and even.samples >= EVEN_SAMPLES
+            if even.most_us - even.least_us > EVEN_SPREAD_US:
+                self._even = Offsets(vehicle_us, seen_us)
+            elif is_long and even.least_us - offset_us > STEP_US:
+                offset_us = even.least_us
+            if vehicle_us - window.begin_us < WINDOW_US:
+                window.add(seen_us)
+            else:
+                self._window = Offsets(vehicle_us, seen_us)
+                offset_us = window.least_us if window.shows_step(offset_us) else offset_us
         self.offset_us, self._at_us = offset_us, arrival_us
-
-    def _follow_steps(self, vehicle_us: int, seen_us: float, offset_us: float) -> float:
-        """The offset, moved if the latest messages show that a clock was set or stood still."""
-        even, window = self._even, self._window
-        even.add(seen_us)
-        is_long = vehicle_us - even.begin_us >= EVEN_US and even.samples >= EVEN_SAMPLES
-        if even.most_us - even.least_us > EVEN_SPREAD_US:
-            self._even = Offsets(vehicle_us, seen_us)
-        elif is_long and even.least_us - offset_us > STEP_US:
-            offset_us = even.least_us
-        if vehicle_us - window.begin_us < WINDOW_US:
-            window.add(seen_us)
-            return offset_us
-        self._window = Offsets(vehicle_us, seen_us)
-        return window.least_us if window.shows_step(offset_us) else offset_us
 
     def to_vehicle_us(self, host_us: int) -> int:
         """The vehicle's time at host time ``host_us``; needs a message before."""

@@ -46,7 +46,14 @@ class CsvText(NamedTuple):
 
 def csv_text(head: bytes) -> CsvText | None:
     """How the table that begins with ``head`` is written; None if it is no table of numbers."""
-    encoding = _encoding(head)
+    encoding = "utf-8-sig"
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        encoding = "utf-16"
+    else:
+        try:  # the last character may be cut
+            codecs.getincrementaldecoder("utf-8")().decode(head)
+        except UnicodeDecodeError:
+            encoding = "cp1252"
     lines = LINE_END.split(head.decode(encoding, errors="replace"))
     found = [text for each in DELIMITERS if (text := _delimited(lines, encoding, each))]
     return max(found, key=lambda text: text.numbers, default=None)
@@ -78,16 +85,6 @@ def _fields(line: str, delimiter: str) -> list[str]:
     """A line's fields, none of an empty one."""
     text = line.strip(" \r\n").lstrip("# ")
     return next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
-
-
-def _encoding(head: bytes) -> str:
-    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        return "utf-16"
-    try:  # the last character may be cut
-        codecs.getincrementaldecoder("utf-8")().decode(head)
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8-sig"
 
 
 def _delimited(lines: Sequence[str], encoding: str, delimiter: str) -> CsvText | None:

@@ -223,20 +223,7 @@ def orientation(turn: Floats, was: Parameters, message: str) -> Orientation | No
     """
     number = NUMBERS.get(message, "")
     name = f"{COMPASS}ORIENT{number}"
-    known = _rotations()
-    before = {value: R for value, _, R in known}.get(int(was.get(name, 0.0)))
-    if before is None:
-        return None
-    wanted = turn @ before
-    for value, meaning, R in known:
-        if np.allclose(R, wanted):
-            return Orientation(name, value, meaning)
-    return None
-
-
-def _rotations() -> list[tuple[int, str, Floats]]:
-    """Number, name and matrix (sensor to body) of each orientation by right angles."""
-    found: list[tuple[int, str, Floats]] = []
+    known: list[tuple[int, str, Floats]] = []  # by right angles: number, name, sensor to body
     for value, entry in mav.mavlink().enums["MAV_SENSOR_ORIENTATION"].items():
         words = entry.name.removeprefix(ROTATION).split("_")
         angles = dict(zip(words[::2], words[1::2], strict=False))
@@ -245,8 +232,15 @@ def _rotations() -> list[tuple[int, str, Floats]]:
         degrees = [int(angles.get(axis, 0)) for axis in ("ROLL", "PITCH", "YAW")]
         if entry.name.startswith(ROTATION) and not any(each % 90 for each in degrees):
             q = np.array([from_euler_rad(*map(radians, degrees))] * 3)
-            found.append((value, "_".join(words), rotate(q, np.eye(3)).T.round()))
-    return found
+            known.append((value, "_".join(words), rotate(q, np.eye(3)).T.round()))
+    before = {value: R for value, _, R in known}.get(int(was.get(name, 0.0)))
+    if before is None:
+        return None
+    wanted = turn @ before
+    for value, meaning, R in known:
+        if np.allclose(R, wanted):
+            return Orientation(name, value, meaning)
+    return None
 
 
 def inertial_parameters(was: Parameters, message: str, found: Calibration) -> dict[str, float]:

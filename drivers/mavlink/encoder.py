@@ -11,6 +11,7 @@ https://mavlink.io/en/guide/message_signing.html.
 import hashlib
 import re
 from collections.abc import Callable
+from functools import cache
 from math import copysign
 from struct import Struct
 from typing import NamedTuple
@@ -87,10 +88,16 @@ class FrameEncoder:
         return self._signing_ticks
 
 
-def _message(number: int, *fields: float | bytes) -> Message:
-    """The message with those fields, in the order of the wire."""
+@cache
+def _definition(number: int) -> tuple[int, Callable[..., bytes]]:
+    """CRC_EXTRA of a message, and what packs its fields in the order of the wire."""
     kind = mavlink().mavlink_map[number]
-    return Message(number, kind.crc_extra, kind.unpacker.pack(*fields))
+    return kind.crc_extra, kind.unpacker.pack
+
+
+def _message(number: int, *fields: float | bytes) -> Message:
+    crc_extra, pack = _definition(number)
+    return Message(number, crc_extra, pack(*fields))
 
 
 def heartbeat(vehicle_type: int, autopilot: int, state: int = mav.MAV_STATE_ACTIVE) -> Message:

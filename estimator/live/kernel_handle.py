@@ -29,7 +29,7 @@ from estimator.live import turning
 from estimator.live.core import Core, in_arrays, initial_core
 from estimator.live.published import NOTHING_PUBLISHED, Published, write
 from estimator.live.refusal import fault_of, is_gap, mean_interval
-from estimator.live.rows import NO_OUTPUT, NO_REPORT_ROWS, NO_ROWS, REPORT_SIZE, Rows, reading_of
+from estimator.live.rows import NO_OUTPUT, NO_REPORT_ROWS, NO_ROWS, Rows, reading_of
 from estimator.live.settings import Settings, settings_of
 from estimator.live.step import (
     AIDED,
@@ -211,9 +211,21 @@ def bind_rows(handle: Any, rows: Rows, published: Floats, report_rows: Floats) -
     handle.report_rows = report_rows
 
 
-@takes_handle(np.zeros(REPORT_SIZE))
-def take_report(handle: Any, row: Floats) -> bool:
+@takes_handle(FLAG, WHOLE, *(NUMBER,) * 5, FLAG)
+def take_report(
+    handle: Any,
+    is_rate: bool,
+    time_us: int,
+    x: float,
+    y: float,
+    z: float,
+    sigma_m_s: float,
+    late_s: float,
+    has_vertical: bool,
+) -> bool:
     """A velocity or body rates, see :func:`estimator.live.step.take_report_row`."""
+    rate, vertical = 1.0 if is_rate else 0.0, 1.0 if has_vertical else 0.0
+    row = np.array((0.0, float(time_us), rate, x, y, z, sigma_m_s, late_s, vertical))
     return take_report_row(handle, row)
 
 

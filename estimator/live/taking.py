@@ -22,7 +22,6 @@ from estimator.live.compass_check import check_compass
 from estimator.live.core import UNSEEN, Core, with_attitude
 from estimator.live.refusal import FINE, RATE_LIMIT_RAD_S, REASONS, fault_of
 from estimator.live.reports import MOST_WAITING, age_s, take_due
-from estimator.live.rows import report_rows_of
 from estimator.live.settings import Settings
 from estimator.live.state import State
 from estimator.live.step import FIRST_HEADING, GAP, LOST, REPORT, SHOWN, SHOWN_LATE, TAKEN
@@ -145,7 +144,8 @@ def take_report(state: State, report: Any) -> Reason | None:
         return reason
     core = state.ready()
     if isinstance(report, VelocitySample):
-        if core.take_report(report_rows_of([(0, report)])[0]):
+        time_us, velocity, has_vertical, sigma_m_s, late_s = report
+        if core.take_report(False, time_us, *velocity, sigma_m_s, late_s, has_vertical):
             check_compass(state, core.last_report()[0])
     elif state.context.phase is Phase.AIDED:
         if report.time_us > core.time_us:
@@ -158,10 +158,11 @@ def take_report(state: State, report: Any) -> Reason | None:
 
 def take_rate(state: State, rate: RateSample) -> Reason | None:
     """Take body rates of another message; None, or why they were refused."""
-    if not all(abs(component) <= RATE_LIMIT_RAD_S for component in rate.rate_rad_s):
+    x, y, z = rate.rate_rad_s
+    if not all(abs(component) <= RATE_LIMIT_RAD_S for component in (x, y, z)):
         return Reason.GYROSCOPE_OUT_OF_RANGE  # or no number
     if state.settings.uses_rates:
-        state.core.take_report(report_rows_of([(0, rate)])[0])
+        state.core.take_report(True, rate.time_us, x, y, z, 0.0, 0.0, False)
     return None
 
 
