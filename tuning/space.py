@@ -83,11 +83,11 @@ CONDITIONED_GROUPS: dict[str, Space] = {
     # to vehicle, without a velocity and with one.
     "noise": _around_shipped(
         conditioning="gravity_tau_s heading_noise_rad2_s",
-        aiding="gyr_slow_noise_1_s acc_noise heading_noise velocity_error_m_s",
+        aiding="gyr_slow_noise_1_s acc_noise heading_noise filter_error_m_s receiver_error_m_s",
     ),
     "gain": (Parameter("filter.fixed_gain", 1.0, 200.0),),
     # What moves sigma alone: errors do not show it, coverage does.
-    "sigma": _around_shipped(aiding="colour least_scale"),
+    "sigma": _around_shipped(aiding="colour least_scale scatter_share"),
     # What a fit of the sensors' constants leaves open: how far the compass is turned about the
     # body's down, how late readings may be, and how far from its nose the vehicle moves.
     "calibration": (

@@ -76,8 +76,8 @@ def begin(
     diagonal[ACC_BIAS : ACC_BIAS + 3] = params.acc_bias_sigma**2
     diagonal[IMU_LAG] = lag_variance(params.imu_lag_s)
     diagonal[FILTER_LAG] = params.imu_lag_s**2
-    diagonal[FILTER_ERROR : FILTER_ERROR + 3] = params.velocity_error_m_s**2
-    diagonal[RECEIVER_ERROR : RECEIVER_ERROR + 3] = params.velocity_error_m_s**2
+    diagonal[FILTER_ERROR : FILTER_ERROR + 3] = params.filter_error_m_s**2
+    diagonal[RECEIVER_ERROR : RECEIVER_ERROR + 3] = params.receiver_error_m_s**2
     diagonal[FIELD_LAG] = first.field_lag_s**2
     diagonal[COMPASS_TURN] = first.compass_sigma_rad**2
     diagonal[HARD_IRON : HARD_IRON + 3] = iron**2

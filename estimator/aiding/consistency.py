@@ -191,7 +191,7 @@ def share_of(
     late, and by ``SCALE_ERROR`` of the push for each radian turned, each compared with a second of
     gravity.
     """
-    error_m_s, late_s = params.velocity_error_m_s, params.imu_lag_s
+    error_m_s, late_s = params.filter_error_m_s, params.imu_lag_s
     swing = norm(subtract(window.force_m_s2, window.first_force_m_s2))
     square = error_m_s**2 + (late_s * swing) ** 2 + (SCALE_ERROR * turned_rad * pushed_m_s) ** 2
     expected = error_m_s * pushed_m_s / (STANDARD_GRAVITY_M_S2 * time_s)

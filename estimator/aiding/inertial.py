@@ -28,7 +28,7 @@ from estimator.aiding.velocity_history import ACCELERATION, TIME, extend_velocit
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.magnetic import NORM_SCALE
-from estimator.conditioning.params import ACCELERATION_LASTS_S, FORGET_S, USUAL_S
+from estimator.conditioning.params import FORGET_S, USUAL_S
 from estimator.conditioning.rate import integration_rate
 from estimator.conditioning.robust import FAR, REACH
 from estimator.geometry.quaternion import (
@@ -194,12 +194,15 @@ def add_noise(
             P[HARD_IRON + i, HARD_IRON + i] += iron * dt / LEARNT_LASTS_S
     estimate, (filter_reports, receiver_reports) = state.estimate, state.agreement
     pushed = state.last.force_ned_m_s2
-    error = params.velocity_error_m_s**2
-    late = params.imu_lag_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
-    by_filter = (error + late) * max(1.0, filter_reports.scatter.noise_scale)
-    by_receiver = error * max(1.0, receiver_reports.scatter.noise_scale)
-    filter_m_s = age_error(P, FILTER_ERROR, estimate.filter_error_m_s, by_filter, dt)
-    receiver_m_s = age_error(P, RECEIVER_ERROR, estimate.receiver_error_m_s, by_receiver, dt)
+    turning = params.filter_turning_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
+    by_filter = (params.filter_error_m_s**2 + turning) * max(
+        1.0, filter_reports.scatter.noise_scale
+    )
+    by_receiver = params.receiver_error_m_s**2 * max(1.0, receiver_reports.scatter.noise_scale)
+    filter_m_s = age_error(params, P, FILTER_ERROR, estimate.filter_error_m_s, by_filter, dt)
+    receiver_m_s = age_error(
+        params, P, RECEIVER_ERROR, estimate.receiver_error_m_s, by_receiver, dt
+    )
     E = estimate.earth_gauss
     field = NORM_SCALE**2 * dt / FORGET_S
     horizontal = field * (1.0 + E[2] * E[2] / max(E[0] * E[0] + E[1] * E[1], 1e-12))
@@ -257,17 +260,19 @@ def judge_sensor(
 
 
 @inlined
-def age_error(P: Array, first: int, error: Vec3, variance: float, dt: float) -> Vec3:
+def age_error(
+    params: AidingParams, P: Array, first: int, error: Vec3, variance: float, dt: float
+) -> Vec3:
     """What is left of a source's slow error, of the constant ``variance``; its covariance in place.
 
     It is first-order noise. A large error has jumped, and lasts long: otherwise the attitude would
     have to explain why it stays.
     """
     persistence = min(FAR, max(1.0, dot(error, error) / (REACH**2 * variance)))
-    keep = real_exp(-dt / (ACCELERATION_LASTS_S * persistence))
+    keep = real_exp(-dt / (params.error_tau_s * persistence))
     for i in range(first, first + 3):
         for j in range(SIZE):
             P[i, j] *= keep
             P[j, i] *= keep
-        P[i, i] += variance * (1.0 - real_exp(-2.0 * (dt / ACCELERATION_LASTS_S)))
+        P[i, i] += variance * (1.0 - real_exp(-2.0 * (dt / params.error_tau_s)))
     return scale(keep, error)

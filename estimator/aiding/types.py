@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.bounds import Acceleration, Angle, Field, Lag, Noise, Rate, Share, Speed
+from estimator.bounds import Acceleration, Angle, Field, Lag, Noise, Rate, Share, Speed, Time
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec2, Vec3
 
@@ -67,12 +67,17 @@ class AidingParams(NamedTuple):
     acc_bias_sigma: Acceleration = 0.05  # m/s^2; small: stiff, large: noisy
 
     # Velocity reports.
-    velocity_noise_m_s: Speed = 0.1  # of a report
-    velocity_error_m_s: Speed = 0.2  # its slow error; a report claimed to be worse gets more noise
+    filter_noise_m_s: Speed = 0.05  # of a report by an autopilot's filter
+    filter_error_m_s: Speed = 0.2  # its slow error; small: follows it, large: follows the receiver
+    filter_turning_s: Lag = 0.03  # more for each m/s^2 of horizontal acceleration
+    receiver_noise_m_s: Speed = 0.1  # of a receiver's report
+    receiver_error_m_s: Speed = 0.15  # its slow error; small: follows it, large: follows the filter
+    error_tau_s: Time = 5.0  # time constant of both slow errors
+    report_sigma_m_s: Speed = 0.3  # sources less accurate than this get more noise
     sideslip_rad: Angle = 3.0  # 0.05 for wheels, also by a HEARTBEAT; 3: any direction
 
     # Lags.
-    imu_lag_s: Lag = 0.012  # of an autopilot's IMU stream; error of its reports' time
+    imu_lag_s: Lag = 0.012  # of an autopilot's IMU stream, and the error of its filter's time
 
     # Magnetic field.
     heading_noise: Noise = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow
@@ -82,6 +87,7 @@ class AidingParams(NamedTuple):
     # Published uncertainty, fitted to errors of simulated and recorded flights.
     colour: Share = 1.5  # sigma over that for white noise: velocity errors are slower
     least_scale: Share = 0.28  # of the covariance's sigma, however well reports agree
+    scatter_share: Share = 2.3  # part of the reports' scatter due to the attitude
 
 
 class Report(NamedTuple):

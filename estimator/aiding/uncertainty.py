@@ -137,7 +137,7 @@ def scatter_scale(params: AidingParams, agreement: Agreements) -> float:
     """
     by_filter, by_receiver = agreement.by_filter, agreement.by_receiver
     scatter = by_filter.scatter if by_filter.wait_s <= by_receiver.wait_s else by_receiver.scatter
-    square = params.least_scale**2 + scatter.innovation
+    square = params.least_scale**2 + params.scatter_share * scatter.innovation
     if by_receiver.wait_s <= SPAN_S:
         square = max(square, unexplained(by_receiver.scatter))
     if min(by_filter.wait_s, by_receiver.wait_s) > SPAN_S:

@@ -24,8 +24,7 @@ SPAN_S = 1.0
 # A field that looks usual must point elsewhere for so long (s) to count: a magnet passes. The
 # residual of an aided heading has the same low-pass.
 CONFIRM_S = 4.0
-# Accelerations that the mean force does not average out last for so long, s, and so do slips of
-# wheels and the slow errors of velocity reports.
+# Accelerations that the mean force does not average out, and slips of wheels, last for so long, s.
 ACCELERATION_LASTS_S = 3.0
 # What is compared with now, s: accelerations, a drifting field, where gravity and field stood.
 LATELY_S = 10.0

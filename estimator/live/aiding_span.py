@@ -283,7 +283,7 @@ def start_by_course(settings: Settings, now: Core, report: Report) -> Start | No
     speed, level = hypot(north, east), hypot(down[1], down[2])
     if level * speed == 0.0 or abs(forward) < REACH**2:
         return None
-    unsure = max(report.sigma_m_s, aiding.velocity_error_m_s) / speed
+    unsure = max(report.sigma_m_s, aiding.report_sigma_m_s) / speed
     sense = copysign(1.0, forward)
     tilt_rad = hypot(now.seen.sigma_inclination_rad, tilt_error_rad(rolled, sense))
     sigma_rad = hypot(unsure, aiding.sideslip_rad, tilt_rad * down[0] / level)

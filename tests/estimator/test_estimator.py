@@ -229,7 +229,7 @@ def test_integers_are_numbers(name):
     """Samples, reports and profiles of integers give the same attitude as those of floats."""
     whole = {"reference": {"gravity": [0, 0, 1], "magnetic": [1, 0, 0]}, "filter": {"gamma": 1}}
     whole |= {"confidence": {"gravity": 5}, "membership": {"k12": 8}}
-    whole |= {"conditioning": {"gravity_tau_s": 2}, "aiding": {"acc_noise": 1}}
+    whole |= {"conditioning": {"gravity_tau_s": 2}, "aiding": {"error_tau_s": 5}}
     attitudes = []
     for number in (int, float):
         changed = json.loads(json.dumps(whole), parse_int=number)

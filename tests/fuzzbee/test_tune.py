@@ -159,7 +159,7 @@ def test_a_checkpoint_of_something_else_is_refused_in_one_line(tmp_path, refused
 @pytest.fixture
 def bad_base(tmp_path):
     """A profile that takes velocities for ten times as good as they are."""
-    file, sure = tmp_path / "bad.toml", {"velocity_error_m_s": 0.02}
+    file, sure = tmp_path / "bad.toml", {"filter_error_m_s": 0.02, "receiver_error_m_s": 0.015}
     file.write_text(profile_to_toml(merge_profile(load_profile("imu"), {"aiding": sure})))
     return file
 

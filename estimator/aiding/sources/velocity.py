@@ -134,7 +134,8 @@ def observe_velocity(
     pushed = subtract(past.gained_m_s, scale(reporter.age_s, GRAVITY_NED))
     behind = min(1.0, report.ago_s / dt)
     aliasing = scale(params.integration_noise * dt * behind, newest_deviation(now.velocity_history))
-    sigma = params.velocity_noise_m_s * max(1.0, report.sigma_m_s / params.velocity_error_m_s)
+    sigma = params.receiver_noise_m_s if reporter.is_receiver else params.filter_noise_m_s
+    sigma *= max(1.0, report.sigma_m_s / params.report_sigma_m_s)
     # no IMU has smoothed a receiver's reports: the scale of their noise may fall, too
     least = 1.0 / REACH**2 if reporter.is_receiver else 1.0
     loose_at = VELOCITY if reporter.is_alone else reporter.error_at

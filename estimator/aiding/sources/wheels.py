@@ -40,7 +40,7 @@ def observe_wheels(
     v = estimate.velocity_ned_m_s
     body = rotate_inverse(estimate.q_ned_frd, v)
     rolled = params.sideslip_rad**2 * dot(v, v)
-    own = rolled + (ARM_M * norm(now.rate_rad_s)) ** 2 + params.velocity_noise_m_s**2
+    own = rolled + (ARM_M * norm(now.rate_rad_s)) ** 2 + params.filter_noise_m_s**2
     noise = wheels.slip_scale * own * max(1.0, ACCELERATION_LASTS_S / dt)
     share = rolled / own * dt / (MEMORY_S + dt)
     ahead = abs(body[0])

@@ -63,9 +63,10 @@ def observe_rest(
     )
 
 
-# What calibrations leave of a direction's error, rad, of gravity and of the field, and by how much
-# noise and an uneven field turn both while they are compared.
+# What calibrations leave of a direction's error, rad, of gravity and of the field.
 LEAST_DIRECTION_RAD = 0.005
+# By how much (rad) noise and an uneven field turn the vectors while they are compared.
+STILL_RAD = 0.004
 # A share of two undoes a bias that was taken from a turn.
 MOST_TURNING = 2.0
 
@@ -129,10 +130,10 @@ def watch_stillness(
     turn, down_variance = turn_of_down(shown_down, seen_down, rate_down, about_down)
     # an accelerometer that drifts shows what no turn explains
     shown_rad, seen_rad = sqrt(square(shown_level)), sqrt(square(seen_level))
-    contradicted = seen_rad > MOST_TURNING * shown_rad + REACH * LEAST_DIRECTION_RAD
+    contradicted = seen_rad > MOST_TURNING * shown_rad + REACH * STILL_RAD
     left = subtract(subtract(seen_field, mean_field), cross(seen_field, unexpected))
     proven = (
-        square(left) < (REACH * LEAST_DIRECTION_RAD) ** 2
+        square(left) < (REACH * STILL_RAD) ** 2
         and is_within(sqrt(square(level)), level_variance, params.bias_limit_rad_s)
         and (
             is_within(turn, down_variance, params.bias_limit_rad_s)
@@ -192,7 +193,7 @@ def turn_between(mean_down: Vec3, down: Vec3, mean_field: Vec3, field: Vec3) -> 
     if size <= 0.0:
         return level, 1.0
     left = subtract(subtract(field, mean_field), cross(field, level))
-    return add(level, scale(dot(left, across) / size, down)), LEAST_DIRECTION_RAD**2 / size
+    return add(level, scale(dot(left, across) / size, down)), STILL_RAD**2 / size
 
 
 @inlined
@@ -203,7 +204,7 @@ def turn_of_down(shown: float, seen: float, rate: float, variance: float) -> Vec
     ``rate`` beyond its bias, showed ``shown``. The share of the rate that the vectors confirm has a
     prior of 0 +- 1.
     """
-    noise = LEAST_DIRECTION_RAD**2 + variance
+    noise = STILL_RAD**2 + variance
     whole = shown * shown + noise
     turning = max(0.0, min(MOST_TURNING, shown * seen / whole)) * rate
     return turning, rate * rate * noise / whole
@@ -216,11 +217,11 @@ def turn_of_level(shown: Vec3, seen: Vec3, rate: Vec3) -> tuple[Vec3, float]:
     ``seen`` is the turn (rad) during the time in which the gyroscope, at ``rate`` beyond its bias,
     showed ``shown``. The prior of the turn is as large as ``rate``.
     """
-    whole = square(shown) + LEAST_DIRECTION_RAD**2
+    whole = square(shown) + STILL_RAD**2
     size = square(rate)
     turning = scale(sqrt(square(shown) * size) / whole, seen)
     most = MOST_TURNING * sqrt(size)
     turned = sqrt(square(turning))
     if turned > most:
         turning = scale(most / turned, turning)
-    return turning, size * LEAST_DIRECTION_RAD**2 / whole
+    return turning, size * STILL_RAD**2 / whole

@@ -143,15 +143,15 @@ def test_prediction(rng, error_m_s, seen):
 def slow_errors(before, known, dt, force):
     """Of a receiver's slow error and a filter's: the share that stays, and the variance added."""
     p, keeps, variances = PARAMS, [], []
-    push = p.imu_lag_s**2 * (force[0] ** 2 + force[1] ** 2)
+    push = p.filter_turning_s**2 * (force[0] ** 2 + force[1] ** 2)
     for error, usual, agreement in (
-        (before.receiver_error_m_s, p.velocity_error_m_s**2, known.by_receiver),
-        (before.filter_error_m_s, p.velocity_error_m_s**2 + push, known.by_filter),
+        (before.receiver_error_m_s, p.receiver_error_m_s**2, known.by_receiver),
+        (before.filter_error_m_s, p.filter_error_m_s**2 + push, known.by_filter),
     ):
         variance = usual * max(1.0, agreement.scatter.noise_scale)
         longer = min(16.0, max(1.0, np.dot(error, error) / (9.0 * variance)))
-        keeps.append(exp(-dt / (3.0 * longer)))
-        variances.append(variance * (1.0 - exp(-dt / 3.0) ** 2))
+        keeps.append(exp(-dt / (5.0 * longer)))
+        variances.append(variance * (1.0 - exp(-dt / 5.0) ** 2))
     return keeps, variances
 
 
@@ -211,7 +211,8 @@ def test_velocity(rng, is_receiver, off_m_s, is_alone, dt):
         velocity_history[::-1, 4:],
     )
     p = PARAMS
-    sigma = p.velocity_noise_m_s * max(1.0, 0.5 / p.velocity_error_m_s)
+    sigma = p.receiver_noise_m_s if is_receiver else p.filter_noise_m_s
+    sigma *= max(1.0, 0.5 / p.report_sigma_m_s)
     aliasing = p.integration_noise * dt * min(1.0, 0.07 / dt) * newest_deviation(velocity_history)
     dense = Dense(P.copy(), x0.copy())
     noise_scale, innovation, reports, last, together = before.scatter

@@ -72,7 +72,7 @@ def test_before_or_behind_its_sample(flying, late_sigma_s):
 
 
 def test_a_report_that_claims_to_be_better_than_a_receiver_can_be_is_worth_no_more(flying):
-    least = AidingParams().velocity_error_m_s
+    least = AidingParams().report_sigma_m_s
     usual = learnt_from(flying, sigma_m_s=least)
     assert np.array_equal(learnt_from(flying, sigma_m_s=0.1 * least), usual)
     assert not np.allclose(learnt_from(flying, sigma_m_s=3.0 * least), usual)
