@@ -76,7 +76,7 @@ def largest_between(quick_s: float, slow_s: float) -> float:
     exp(-t/slow) - exp(-t/quick) is largest where both exponentials fall alike.
     """
     ratio = slow_s / quick_s
-    return ratio ** (-1.0 / (ratio - 1.0)) * (1.0 - 1.0 / ratio)
+    return float(ratio ** (-1.0 / (ratio - 1.0)) * (1.0 - 1.0 / ratio))
 
 
 class Coefficients(NamedTuple):
