@@ -35,8 +35,9 @@ from estimator.types import Vec3
 # The attitude is given up after reports were far off for so long, s. Small: good attitudes beside
 # an accelerometer's offset are lost; large: one that is upside down lasts.
 DISAGREEMENT_S = 1.5
-# The noise scale is a mean over about this many reports, and itself at most as large. One wild
-# report counts as ``FAR``.
+# Largest normalised squared innovation for the noise scale: one wild report must not spoil it.
+CLIP = 25.0
+# The noise scale is a mean over about this many reports, and itself at most as large.
 SCALE_REPORTS = 100.0
 
 
@@ -191,7 +192,7 @@ def follow_scatter(
     near = max(-REACH, min(REACH, unit))
     reports = state.reports + 1.0
     newest = max(share, 1.0 / reports)
-    grown = state.noise_scale * (1.0 + (min(unit * unit, FAR) - 1.0) / (3.0 * SCALE_REPORTS))
+    grown = state.noise_scale * (1.0 + (min(unit * unit, CLIP) - 1.0) / (3.0 * SCALE_REPORTS))
     return Scatter(
         noise_scale=min(max(grown, least), SCALE_REPORTS),
         innovation=state.innovation + newest * (near * near - state.innovation),

@@ -232,7 +232,7 @@ def test_velocity(rng, is_receiver, off_m_s, is_alone, dt):
         innovation += max(share, 1.0 / reports) * (min(square, 9.0) - innovation)
         units.append(np.sign(left) * sqrt(min(square, 9.0)))
         together += max(share, 1.0 / reports) * (units[i] * last[i] - together)
-        noise_scale *= 1.0 + (min(square, 16.0) - 1.0) / 300.0
+        noise_scale *= 1.0 + (min(square, 25.0) - 1.0) / 300.0
         noise_scale = min(max(noise_scale, 1.0 / 9.0 if is_receiver else 1.0), 100.0)
         if square > 16.0:
             far = True
