@@ -60,7 +60,7 @@ def verdict(motion, rate_hz):
         ("slalom 20", 4.0, 3.32),
         ("climb and turn", 4.0, 2.14),
         ("aerobatics", 4.0, 5.6),
-        ("aerobatics", 2.0, 6.3),
+        ("aerobatics", 2.0, 4.8),
     ],
 )
 def test_a_vehicle_without_velocity_that_accelerates_for_seconds(motion, rate_hz, rms_deg):
