@@ -22,7 +22,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
-from itertools import islice
 from operator import itemgetter
 
 import msgspec
@@ -186,10 +185,14 @@ def flight_row(motion: str, seed: int) -> Row:
 def bench_row(seed: int) -> Row:
     """How many constants of a bench recording are within their sigma, without a common turn."""
     vehicle = SimulatedVehicle(seed, BENCH_HZ, "bench", bias=0.0, errors_seed=seed)
-    read = islice(vehicle, round(BENCH_S * BENCH_HZ))
-    times_us, gyr, acc, mag, q, *_ = (np.array(column) for column in zip(*read, strict=True))
-    has_mag, none = np.ones(len(q), np.bool_), np.zeros((0, 3))
-    fit = fit_sensors([Recording(1e-6 * times_us, gyr, acc, mag, has_mag, q, none[:, 0], none)])
+    read = [next(vehicle) for _ in range(round(BENCH_S * BENCH_HZ))]
+    gyr, acc, mag, q = (
+        np.array([getattr(each, name) for each in read])
+        for name in ("gyr_rad_s", "acc_m_s2", "mag_gauss", "q_ned_frd")
+    )
+    times_s = 1e-6 * np.array([each.time_us for each in read])
+    has_mag, none = np.ones(len(read), np.bool_), np.zeros((0, 3))
+    fit = fit_sensors([Recording(times_s, gyr, acc, mag, has_mag, q, none[:, 0], none)])
     truth: dict[str, Array] = {}
     for sensor, bias, (M, b) in zip(SENSORS, BIASES, imu_errors(seed), strict=True):
         inverse = M if sensor == "mag" else np.linalg.inv(M)  # of a compass what it reads

@@ -19,7 +19,7 @@ from estimator.reasons import Reason
 from service.lines import LineLimit, link_line
 from service.parameters import ProfileChanges
 from service.publishing import STATUS_PERIOD_US
-from service.records import HAS_ATTITUDE, Message, Output, Peer, Published, Replaced, State
+from service.records import Message, Output, Peer, Published, Replaced, State
 from service.vehicle import STANDARD_RATE_HZ, Vehicle
 from service.vehicle_status import Load, status_record
 
@@ -133,10 +133,9 @@ class Pipeline:
         vehicle = self._vehicles.get(event.vehicle) or self._meet(event.vehicle)
         if vehicle is None:
             return []
-        outputs, imu = _messages(vehicle.on_imu(event)), vehicle.imu
-        is_taken = imu.last is event and imu.state in HAS_ATTITUDE
-        meets = vehicle.publishing.meets
-        if is_taken and now_us is not None and meets(now_us, imu.median_period_us):
+        outputs = _messages(vehicle.on_imu(event))
+        is_taken = vehicle.imu.last is event
+        if is_taken and now_us is not None and vehicle.meets_grid(now_us):
             outputs += self._published(vehicle, now_us)
         return outputs
 
@@ -173,14 +172,7 @@ class Pipeline:
         outputs, self._changes.outputs = self._changes.outputs, []
         if not 0 < self._look_us - now_us <= LOOK_US:
             self._look_us = now_us + LOOK_US
-            lines: list[str] = []
-            for vehicle in self.vehicles:
-                is_silent = abs(now_us - vehicle.last_arrival_us) > 2 * LOOK_US
-                vehicle.silent_looks = vehicle.silent_looks + 1 if is_silent else 0
-                if vehicle.silent_looks >= FORGOTTEN_LOOKS:
-                    lines.append(f"vehicle {vehicle.name}: gone, and forgotten")
-                    self._forget(vehicle.address)
-            outputs += _messages(self._limit.lines(lines, now_us))
+            outputs += self._forget_silent(now_us)
         self.wake_us = float(self._look_us)
         for vehicle in self._vehicles.values():
             if not now_us < vehicle.publishing.wake_us <= now_us + LOOK_US:
@@ -196,12 +188,7 @@ class Pipeline:
             return []
         outputs = self._on_time(vehicle, now_us)
         if is_status_due:
-            status = status_record(vehicle, now_us, self.load, self.malformed)
-            period_us = STATUS_PERIOD_US
-            if vehicle.state in QUIET:
-                period_us *= 1 + len(self._vehicles) // MOST_QUIET_HZ
-            vehicle.publishing.note_status(now_us, period_us)
-            outputs.append(Published(vehicle.address, status, time_unix_us=now_us))
+            outputs.append(self._status(vehicle, now_us))
         vehicle.schedule(now_us)
         if vehicle.publishing.wake_us <= now_us:  # held back: its next sample brings it
             vehicle.publishing.wake_us = now_us + 1e6 / self._rate_hz
@@ -227,6 +214,14 @@ class Pipeline:
         peers = [Peer(each.vehicle, each.source, each.q_ned_frd) for each in vehicle.peers.values()]
         vehicle.peers.clear()
         return [*peers, Published(vehicle.address, attitude, vehicle.imu.last_sample)]
+
+    def _status(self, vehicle: Vehicle, now_us: int) -> Published:
+        status = status_record(vehicle, now_us, self.load, self.malformed)
+        period_us = STATUS_PERIOD_US
+        if vehicle.state in QUIET:
+            period_us *= 1 + len(self._vehicles) // MOST_QUIET_HZ
+        vehicle.publishing.note_status(now_us, period_us)
+        return Published(vehicle.address, status, time_unix_us=now_us)
 
     # --- profiles
 
@@ -260,6 +255,16 @@ class Pipeline:
         if kept is not None:
             self._changes.report(Replaced(address, kept))
         return vehicle
+
+    def _forget_silent(self, now_us: int) -> list[Output]:
+        lines: list[str] = []
+        for vehicle in self.vehicles:
+            is_silent = abs(now_us - vehicle.last_arrival_us) > 2 * LOOK_US
+            vehicle.silent_looks = vehicle.silent_looks + 1 if is_silent else 0
+            if vehicle.silent_looks >= FORGOTTEN_LOOKS:
+                lines.append(f"vehicle {vehicle.name}: gone, and forgotten")
+                self._forget(vehicle.address)
+        return _messages(self._limit.lines(lines, now_us))
 
     def _forget(self, address: VehicleId) -> None:
         """Forget a vehicle, except for the parameters that were set for it."""

@@ -61,10 +61,8 @@ class Publishing:
         if self.attitudes == 0 or abs(late_us) > 2e6:  # the first, or the clock was set
             self._grid_us, self._offset_us = now_us + self._period_us, 0.0
         else:
-            if samples != self._last[0]:  # the grid slides towards arrivals
-                half_us = 0.5 * self._period_us
-                moved_us = self._offset_us + SLIDE * max(-half_us, min(half_us, late_us))
-                self._offset_us = remainder(moved_us, self._period_us)
+            if samples != self._last[0]:
+                self._slide(late_us)
             self._grid_us += self._period_us
             behind_us = now_us - (self._grid_us + self._offset_us)
             if behind_us >= self._period_us:  # some were missed during a stop
@@ -122,6 +120,11 @@ class Publishing:
         waits = sample_period_us > 0.0 and due_us - half_us < expected_us < due_us + half_us
         return due_us + half_us if waits else due_us
 
+    def _slide(self, late_us: float) -> None:
+        half_us = 0.5 * self._period_us
+        moved_us = self._offset_us + SLIDE * max(-half_us, min(half_us, late_us))
+        self._offset_us = remainder(moved_us, self._period_us)
+
 
 MAX_DRIFT = 3e-3  # s/s; 136 ms a minute is 2.3e-3
 STEP_US = 100_000  # less counts as lateness; time services set a clock that is 128 ms off or more
@@ -170,28 +173,29 @@ class HostClock:
         self._even = Offsets(0, 0.0)  # those since two last differed by EVEN_SPREAD_US
 
     def observe(self, vehicle_us: int, arrival_us: int) -> None:
-        """Take a message of ``vehicle_us`` that arrived at ``arrival_us``.
-
-        The offset moves if the latest ones show that a clock was set or stood still.
-        """
+        """Take a message of ``vehicle_us`` that arrived at ``arrival_us``."""
         offset_us = seen_us = float(arrival_us - vehicle_us)
         if self._at_us is None:
             self._window, self._even = Offsets(vehicle_us, seen_us), Offsets(vehicle_us, seen_us)
         else:
             bound_us = self.offset_us + MAX_DRIFT * max(0, arrival_us - self._at_us)
-            offset_us, even, window = min(bound_us, seen_us), self._even, self._window
-            even.add(seen_us)
-            is_long = vehicle_us - even.begin_us >= EVEN_US and even.samples >= EVEN_SAMPLES
-            if even.most_us - even.least_us > EVEN_SPREAD_US:
-                self._even = Offsets(vehicle_us, seen_us)
-            elif is_long and even.least_us - offset_us > STEP_US:
-                offset_us = even.least_us
-            if vehicle_us - window.begin_us < WINDOW_US:
-                window.add(seen_us)
-            else:
-                self._window = Offsets(vehicle_us, seen_us)
-                offset_us = window.least_us if window.shows_step(offset_us) else offset_us
+            offset_us = self._follow_steps(vehicle_us, seen_us, min(bound_us, seen_us))
         self.offset_us, self._at_us = offset_us, arrival_us
+
+    def _follow_steps(self, vehicle_us: int, seen_us: float, offset_us: float) -> float:
+        """The offset, moved if the latest messages show that a clock was set or stood still."""
+        even, window = self._even, self._window
+        even.add(seen_us)
+        is_long = vehicle_us - even.begin_us >= EVEN_US and even.samples >= EVEN_SAMPLES
+        if even.most_us - even.least_us > EVEN_SPREAD_US:
+            self._even = Offsets(vehicle_us, seen_us)
+        elif is_long and even.least_us - offset_us > STEP_US:
+            offset_us = even.least_us
+        if vehicle_us - window.begin_us < WINDOW_US:
+            window.add(seen_us)
+            return offset_us
+        self._window = Offsets(vehicle_us, seen_us)
+        return window.least_us if window.shows_step(offset_us) else offset_us
 
     def to_vehicle_us(self, host_us: int) -> int:
         """The vehicle's time at host time ``host_us``; needs a message before."""

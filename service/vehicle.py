@@ -74,14 +74,7 @@ class Vehicle:
             _, gyr, acc, *_ = event.sample
             self.others.take(event.message, event.arrival_us, gyr, acc, self.imu.last)
             return []
-        lines = list[str]()
-        if replaced:
-            self.estimator.change_imu()
-            self.others = OtherImus()
-            now = f"{event.message} now, {replaced} is given up"
-            lines = [f"vehicle {self.name}: IMU data from {now}"]
-        elif replaced is not None:
-            lines = [f"vehicle {self.name}: IMU data from {event.message}"]
+        lines = [] if replaced is None else self._change_message(replaced, event.message)
         sample = event.sample if self._to_body_axes is None else self._to_body_axes(event.sample)
         reason = self.estimator.update(sample)
         if reason is not None:
@@ -191,6 +184,11 @@ class Vehicle:
 
     # --- output
 
+    def meets_grid(self, now_us: int) -> bool:
+        """Whether the sample that was just taken is the one that the next attitude waits for."""
+        period_us = self.imu.median_period_us
+        return self.imu.state in HAS_ATTITUDE and self.publishing.meets(now_us, period_us)
+
     def schedule(self, now_us: int) -> None:
         """Note when to look at it next, if nothing of it arrives until then."""
         last_us = self.imu.last_arrival_us
@@ -267,6 +265,13 @@ class Vehicle:
         if any(self.estimator.contradicted_axes):  # each second with this IMU does harm
             self.imu.choice.contradicted.add(event.message)
         return self.lines(event.arrival_us, *lines)
+
+    def _change_message(self, before: str, now: str) -> list[str]:
+        if not before:
+            return [f"vehicle {self.name}: IMU data from {now}"]
+        self.estimator.change_imu()
+        self.others = OtherImus()
+        return [f"vehicle {self.name}: IMU data from {now} now, {before} is given up"]
 
     def _become(self, state: State, now_us: int) -> list[str]:
         self.imu.state = state

@@ -114,14 +114,18 @@ class Window:
                 yield found[0]
             if position == begin:
                 yield None
-                position += 1
-                # one that begins near the end may go on behind it: then the data move on
-                while (start := search(position)) is None or start >= self._safe_end:
-                    if self.is_last:
-                        start = len(self.data)
-                        break
-                    position = self.move(max(position, self._safe_end))
-                position = start
+                position = self._next(position + 1, search)
+
+    def _next(self, position: int, search: Callable[[int], int | None]) -> int:
+        """Where the next sound record begins, or the data's end.
+
+        One that begins near the end may go on behind it, so the data move on until it is found.
+        """
+        while (start := search(position)) is None or start >= self._safe_end:
+            if self.is_last:
+                return len(self.data)
+            position = self.move(max(position, self._safe_end))
+        return start
 
     def end(self) -> None:
         """Read no further."""

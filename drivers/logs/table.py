@@ -75,14 +75,15 @@ class _Column:
 
     def __init__(self) -> None:
         self._parts: list[Values] = []
-        self._in_file = 0  # rows
+        self._in_memory = self._in_file = 0  # rows
         self._file: Any = None
         self._has_room = True
 
     def extend(self, rows: Values) -> None:
         if len(rows) or not self._parts:
             self._parts.append(np.array(rows))
-        if sum(map(len, self._parts)) > IN_MEMORY:
+            self._in_memory += len(rows)
+        if self._in_memory > IN_MEMORY:
             self._put_away()
 
     @property
@@ -117,4 +118,4 @@ class _Column:
             self._has_room = False
             return
         self._in_file += len(rows)
-        self._parts = [rows[:0].copy()]
+        self._parts, self._in_memory = [rows[:0].copy()], 0

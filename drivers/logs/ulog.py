@@ -93,7 +93,9 @@ def _events(vehicle: LoggedVehicle, found: Found) -> list[Event]:
         case "vehicle_status":
             is_armed = row["arming_state"] == ARMING_STATE_ARMED
             return [ModeChange(vehicle.id, vehicle.arrival_us, is_armed)]
-        case _:  # damage has none of the fields
+        case _ if topic == DAMAGE:
+            return [vehicle.malformed()]
+        case _:
             return _aiding_events(vehicle, topic, row)
 
 

@@ -113,7 +113,7 @@ class Connection:
         if not packets:
             is_silent = bool(self._is_up) and not self._has_data
             self._notify(self._diagnostics.silence(now_s, is_silent=is_silent))
-        elif not self._has_data:  # only they show that a link works: a server may close at once
+        elif not self._has_data:  # only bytes show that a link works: a server may close at once
             self._has_data, self._retry_s = True, FIRST_RETRY_S
             attempts = self._diagnostics.end_failures()
             after = f" after {attempts} failed attempts" if attempts else ""

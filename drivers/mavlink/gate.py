@@ -214,14 +214,9 @@ class StreamCopies:
         is_repeat = is_imu and self._repeats(hash(payload), peer, time_us, arrival_us)
         if not self.proofs:
             return None, is_repeat
-        # is it as late as the copies are, while the originals come?
-        fresh = self.fresh.get(frame.message_id)
-        is_proven = self.proofs >= PROOFS and 0 <= arrival_us - self.late_us < COPIES_US
-        if is_proven and fresh is not None and 0 <= arrival_us - fresh[1] < MEMORY_US:
-            behind_us = arrival_us - time_us - fresh[0]
-            if self.delay_us // 2 < behind_us < self.delay_us * 3 // 2:
-                self.late_us = arrival_us
-                return self.source, is_repeat
+        if self._is_late(frame.message_id, arrival_us - time_us, arrival_us):
+            self.late_us = arrival_us
+            return self.source, is_repeat
         if not is_repeat and (self.proofs < PROOFS or peer == self.source):
             self.fresh[frame.message_id] = (arrival_us - time_us, arrival_us)
         return None, is_repeat
@@ -258,6 +253,16 @@ class StreamCopies:
         if self.proofs >= PROOFS:
             self.late_peers[peer] = arrival_us
         return True
+
+    def _is_late(self, message_id: int, offset_us: int, arrival_us: int) -> bool:
+        """Whether a frame is as late as the copies are, while the originals come."""
+        if self.proofs < PROOFS or not 0 <= arrival_us - self.late_us < COPIES_US:
+            return False
+        fresh = self.fresh.get(message_id)
+        if fresh is None or not 0 <= arrival_us - fresh[1] < MEMORY_US:
+            return False
+        behind_us = offset_us - fresh[0]
+        return self.delay_us // 2 < behind_us < self.delay_us * 3 // 2
 
 
 @cache

@@ -59,10 +59,30 @@ class FrameQueue:
         return len(self._frames)
 
     def add(self, arrival_us: int, frames: Iterable[Frame]) -> None:
-        """Put frames at the end; of too many leave out all but the newest of each stream."""
+        """Put frames at the end."""
         self._frames.extend([(arrival_us, frame) for frame in frames])
-        if len(self._frames) <= self._most_waiting:
-            return
+        if len(self._frames) > self._most_waiting:
+            self._keep_newest()
+
+    def take(self, most: int) -> list[Arrived]:
+        """The next frames, the oldest first, at most so many."""
+        frames = self._frames
+        return [frames.popleft() for _ in range(min(most, len(frames)))]
+
+    def take_shed(self, now_us: int) -> list[Shed]:
+        """Samples that were left out, if it is time to report them."""
+        if not self._unreported or 0 <= now_us - self._reported_us < REPORT_EVERY_US:
+            return []
+        self._reported_us = now_us
+        shed = [
+            Shed(vehicle, now_us, message, samples)
+            for (vehicle, message), samples in self._unreported.items()
+        ]
+        self._unreported.clear()
+        return shed
+
+    def _keep_newest(self) -> None:
+        """Leave out all but the newest frame of each stream; of what is in no stream the oldest."""
         seen: set[tuple[VehicleId, int, int]] = set()
         kept: deque[Arrived] = deque()
         for arrived in reversed(self._frames):
@@ -82,23 +102,6 @@ class FrameQueue:
             kept.popleft()
             self.dropped += 1
         self._frames = kept
-
-    def take(self, most: int) -> list[Arrived]:
-        """The next frames, the oldest first, at most so many."""
-        frames = self._frames
-        return [frames.popleft() for _ in range(min(most, len(frames)))]
-
-    def take_shed(self, now_us: int) -> list[Shed]:
-        """Samples that were left out, if it is time to report them."""
-        if not self._unreported or 0 <= now_us - self._reported_us < REPORT_EVERY_US:
-            return []
-        self._reported_us = now_us
-        shed = [
-            Shed(vehicle, now_us, message, samples)
-            for (vehicle, message), samples in self._unreported.items()
-        ]
-        self._unreported.clear()
-        return shed
 
 
 class MavlinkLink(Closing):

@@ -232,16 +232,7 @@ class SigningCheck:
 
     def _write(self, stamps: Stamps) -> Stamps:
         try:
-            # and of the streams not accepted here what another process may have kept
-            found = _read(self._file)
-            others = {
-                stream: at
-                for stream, at in found.accepted.items()
-                if stream not in self._own
-                and (at.ticks > self._floor or abs(at.lag) > FITTING_TICKS)
-            }
-            latest = max(stamps.ours, found.ours), max(stamps.floor, found.floor)
-            _write(self._file, Stamps({**stamps.accepted, **others}, *latest))
+            _write(self._file, self._add_others(stamps))
         except (OSError, InputError) as error:
             if not self._is_failing:
                 _logger.warning(
@@ -253,6 +244,17 @@ class SigningCheck:
         else:
             self._is_failing = False
         return stamps
+
+    def _add_others(self, stamps: Stamps) -> Stamps:
+        """And of the streams not accepted here what another process may have kept."""
+        found = _read(self._file)
+        floor = max(stamps.floor, found.floor)
+        others = {
+            stream: at
+            for stream, at in found.accepted.items()
+            if stream not in self._own and (at.ticks > self._floor or abs(at.lag) > FITTING_TICKS)
+        }
+        return Stamps({**stamps.accepted, **others}, max(stamps.ours, found.ours), floor)
 
 
 def _ticks(unix_us: int) -> int:

@@ -204,7 +204,7 @@ def add_noise(
         params, P, RECEIVER_ERROR, estimate.receiver_error_m_s, by_receiver, dt
     )
     E = estimate.earth_gauss
-    field = NORM_SCALE**2 * dt / FORGET_S
+    field = NORM_SCALE**2 * dt / FORGET_S  # of its strength, as a share
     horizontal = field * (1.0 + E[2] * E[2] / max(E[0] * E[0] + E[1] * E[1], 1e-12))
     for i in range(2):  # the place's field may change its strength, not its declination
         for j in range(2):

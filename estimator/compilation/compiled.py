@@ -40,7 +40,7 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfun
 KERNELS: dict[Any, Types | None] = {}
 
 
-def compiled(types: Types | None = None) -> Callable[[Function], Function]:
+def compiled(*, types: Types | None = None) -> Callable[[Function], Function]:
     """Compile a function with numba in nopython mode; kept on disk where that is possible.
 
     ``types`` are those of the arguments that commands call it with (:func:`types_of`), to compile

@@ -15,8 +15,8 @@ FIELD_S = 0.05
 # Longest step (s) that counts in full: a longer one misses most of the turning and shows no own
 # field, so several in a row have to agree.
 LONGEST_STEP_S = 0.15
-# Quick means of gyroscope, force and field, s. Small: noisy, large: late. A smoothed path ends at a
-# longer step.
+# Quick means of gyroscope, force and field, s. Small: noisy, large: late. In slow streams brief
+# accelerations last for so long. A smoothed path ends at a longer step.
 QUICK_S = 0.5
 # Means of force, field and velocity that are compared, s. Small: mostly noise, large: the gyroscope
 # drifts. A pause of this length is a gap.

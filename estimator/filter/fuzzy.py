@@ -199,8 +199,8 @@ def meeting(apart: float, closing: float, y0: float, top: float) -> float:
     return top
 
 
-@compiled()
-def fuzzy_gain(k: Memberships, error: float, error_rate_1_s: float) -> float:
+@inlined
+def operating_gain(k: Memberships, error: float, error_rate_1_s: float) -> float:
     """k_op in [0, 100] from e in [0, 1] and |de/dt| (1/s, larger values count as 1).
 
     ``k`` are the memberships k1..k22. No rule fires: 0.
@@ -208,3 +208,9 @@ def fuzzy_gain(k: Memberships, error: float, error_rate_1_s: float) -> float:
     e = fuzzify(k, min(max(error, 0.0), 1.0))
     d = fuzzify(k, min(abs(error_rate_1_s), 1.0))
     return centroid(fire(e, d), fuzzy_sets(k).output)
+
+
+@compiled()
+def fuzzy_gain(k: Memberships, error: float, error_rate_1_s: float) -> float:
+    """:func:`operating_gain`, to be called from Python."""
+    return operating_gain(k, error, error_rate_1_s)

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, inlined, replacer, types_of
-from estimator.filter.fuzzy import fuzzy_gain
+from estimator.filter.fuzzy import operating_gain
 from estimator.filter.noise_gain import (
     confirmed_error,
     noise_gain,
@@ -100,7 +100,7 @@ def adaptive_gain(params: FilterParams, error: float, error_rate_1_s: float) -> 
     """K = 1 + k_op (below Eq. (12))."""
     if params.gain_is_fixed:
         return params.fixed_gain
-    return 1.0 + fuzzy_gain(params.memberships, error, error_rate_1_s)
+    return 1.0 + operating_gain(params.memberships, error, error_rate_1_s)
 
 
 @inlined

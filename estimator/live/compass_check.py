@@ -114,6 +114,8 @@ def judge_mounting(state: State, now: Core) -> None:
         return
     if compass.is_unknown(known, now.time_us):
         judge_field(state, Start(estimate.q_ned_frd, now.aided.sigma.heading_rad))
+        if state.context.compass.turned_rad != known.turned_rad:  # it has been turned by now
+            return
     variance = in_rows(now.covariance)[COMPASS_TURN, COMPASS_TURN]
     if not 0.0 < 2.0 * variance < MOUNTED_RAD**2:
         return

@@ -46,10 +46,10 @@ class Core(NamedTuple):
     filter: FilterState = FilterState()  # the paper's: attitude, bias, e, gain
     smooth_error: float = 0.0  # e averaged over a second while the vectors are raw, otherwise e
     pull: Pull = NO_PULL  # of raw vectors on the heading; as it was before, while conditioned
-    gathered: Gathered = NOTHING  # by the conditioning stage, with frame G; likewise
+    gathered: Gathered = NOTHING  # with frame G; as it was before, while the vectors are raw
     seen: Conditioned = UNSEEN  # of the last sample; blank while the vectors are raw
     search: Search = EMPTY_SEARCH  # for an attitude from velocity only; empty while velocity helps
-    consistency: Consistency = NEW_CONSISTENCY  # of measurements and aided attitude; or blank
+    consistency: Consistency = NEW_CONSISTENCY  # of the aided attitude; blank without velocity
     turning: Turning = STILL  # that others have seen between the IMU's samples
     rates: Any = ()  # of theirs that wait for a sample: rows as in ``turning``, or row by row
     reports: Any = ()  # velocities the samples have not reached: (N, REPORT_SIZE), or row by row

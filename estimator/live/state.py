@@ -186,7 +186,7 @@ class State:
 
     def contradict_compass(self, **changes: object) -> None:
         """Note that velocity has shown another heading now, and what else has changed."""
-        now_us = self.core.time_us
+        now_us = self.core.core.time_us
         self.change_compass(
             contradicted_us=now_us, confirmed=False, contradicted_since_us=None, **changes
         )

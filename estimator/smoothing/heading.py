@@ -14,7 +14,13 @@ from scipy.linalg import solveh_banded
 
 from estimator.arrays import Bools, Floats
 from estimator.bounds import TINY
-from estimator.conditioning.field.magnetic import NORM_SCALE, FieldReference, norm_of, steepness
+from estimator.conditioning.field.magnetic import (
+    DIP_SCALE_RAD,
+    NORM_SCALE,
+    FieldReference,
+    norm_of,
+    steepness,
+)
 from estimator.conditioning.params import USUAL_S, ConditioningParams
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.vertical.averaging import WINDOW_S
@@ -46,6 +52,7 @@ def turn_north(
     """The levelled path turned to north, (N, 4), and the heading's sigma (N,)."""
     settings = recording.last.settings
     params, north = settings.conditioning, settings.reference.magnetic_ned
+    declination_rad = atan2(north[1], north[0])
     reference = recording.last.snapshot.core.conditioning.field.magnetic.reference
     mag, own_variance = corrected_fields(recording)
     seen, samples = windows.means(rotate(vertical.q_6d_frd, mag), recording.rows.has_mag)
@@ -60,7 +67,7 @@ def turn_north(
     variance = variances(r * weight, q) + by_scale
     variance += constant_error(seen, known, reference, tilt_variance)
     variance += (1.0 + steepness(reference)) * own_variance
-    heading = windows.at(path.time_s, x) + atan2(north[1], north[0])
+    heading = windows.at(path.time_s, x) + declination_rad
     q_ned_frd = multiply(about_down(heading), vertical.q_6d_frd)
     return q_ned_frd, np.sqrt(windows.at(path.time_s, variance))
 
@@ -68,7 +75,7 @@ def turn_north(
 def noise(params: ConditioningParams, seen: Floats, reference: FieldReference) -> Floats:
     """Density (W,) of the error of the field's heading, rad^2 s: see conditioning/field/step."""
     off_norm, off_dip = deviations(seen, reference)
-    square = (off_norm / NORM_SCALE) ** 2 + (off_dip / NORM_SCALE) ** 2
+    square = (off_norm / NORM_SCALE) ** 2 + (off_dip / DIP_SCALE_RAD) ** 2
     confidence = np.maximum((1.0 + square) ** -2, TINY)
     uncertain = params.heading_inflation_noise_rad2_s * (1.0 / confidence - 1.0)
     return np.asarray(params.heading_noise_rad2_s + uncertain)

@@ -115,8 +115,10 @@ def known_rows(estimates: Estimates) -> Bools:
 
 def chosen(rows: Bools, first: Estimates, second: Estimates) -> Estimates:
     """The first where ``rows`` (N,) are true, else the second."""
-    if rows.all() or not rows.any():
-        return first if rows.any() else second
+    if not rows.any():
+        return second
+    if rows.all():
+        return first
     return Estimates(
         np.where(rows[:, None], first.q_ned_frd, second.q_ned_frd),
         np.where(rows[:, None], first.sigma_rad, second.sigma_rad),

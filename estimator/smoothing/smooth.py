@@ -1,4 +1,4 @@
-"""The smoothed attitude of a recording, as a summary of its steps."""
+"""The smoothed attitude of a recording: both ways joined, and the unaided spans piece by piece."""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple

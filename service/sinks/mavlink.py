@@ -6,7 +6,7 @@ attitude without being asked to. A heartbeat each second shows what we are.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from drivers.endpoint import Endpoint
 from drivers.events import VehicleId
@@ -88,15 +88,8 @@ class MavlinkSink:
                 del self._senders[output.vehicle.system_id]  # another component may be sent
         if not isinstance(output, Published):
             return []
-        if (other := self._appears_as) is not None and isinstance(output.record, AttitudeRecord):
-            if output.vehicle.system_id == other.system_id:  # never under an address that there is
-                name = records.vehicle_name(output.vehicle)
-                raise ConnectionError(f"vehicle {name} is there already, not shown as another")
-            self._shown = self._shown or output.vehicle
-            if output.vehicle != self._shown:
-                return []
-            appearing = Sender(other, is_vehicle=True)
-            return self._senders.setdefault(other.system_id, appearing).frames(output.record)
+        if self._appears_as is not None and isinstance(output.record, AttitudeRecord):
+            return self._frames_as(self._appears_as, output.vehicle, output.record)
         system, component = output.vehicle
         sender = self._senders.setdefault(system, Sender(output.vehicle))
         if sender.vehicle != output.vehicle or component == mav.MAV_COMP_ID_ONBOARD_COMPUTER:
@@ -104,6 +97,19 @@ class MavlinkSink:
         if isinstance(output.record, AttitudeRecord):
             return sender.frames(output.record) if self._attitudes else []
         return sender.announcement(output.record, output.time_unix_us) if self._announces else []
+
+    def _frames_as(
+        self, other: VehicleId, vehicle: VehicleId, record: AttitudeRecord
+    ) -> list[bytes]:
+        """Of the vehicle that appears as another one; never under an address that there is."""
+        if vehicle.system_id == other.system_id:
+            name = records.vehicle_name(vehicle)
+            raise ConnectionError(f"vehicle {name} is there already, not shown as another")
+        self._shown = self._shown or vehicle
+        if vehicle != self._shown:
+            return []
+        sender = self._senders.setdefault(other.system_id, Sender(other, is_vehicle=True))
+        return sender.frames(record)
 
 
 class Sender:
@@ -179,8 +185,11 @@ class RecordingSink:
 
     name = "recording"
 
-    def __init__(self, recorder: Recorder) -> None:
+    def __init__(
+        self, recorder: Recorder, unix_us: Callable[[], int] = lambda: time.time_ns() // 1000
+    ) -> None:
         self._recorder = recorder
+        self._unix_us = unix_us
         self._encoders: dict[int, FrameEncoder] = {}
 
     def handle(self, outputs: Sequence[Output]) -> None:
@@ -188,7 +197,7 @@ class RecordingSink:
         for output in outputs:
             if not isinstance(output, records.Replaced) or output.retuned is None:
                 continue
-            system_id, now_us = output.vehicle.system_id, time.time_ns() // 1000
+            system_id, now_us = output.vehicle.system_id, self._unix_us()
             sender = VehicleId(system_id, mav.MAV_COMP_ID_ONBOARD_COMPUTER)
             own = self._encoders.setdefault(system_id, FrameEncoder(sender))
             text = f"retuned: {output.retuned}"[: encoder.STATUSTEXT_SIZE]

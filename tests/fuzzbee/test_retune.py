@@ -47,7 +47,7 @@ def test_a_live_vehicle_is_retuned_by_a_thread_beside_it(tmp_path):
     with Retuning(requests, None) as retuning, Recorder(tmp_path / "x.tlog") as recorder:
         pipeline = Pipeline(load_profile("paper"), new_estimator=retuning.estimator)
         retuning.pipeline = pipeline
-        sink = RecordingSink(recorder)
+        sink = RecordingSink(recorder, lambda: START_US)
         for event in noisy_events(40.2, 20.0):
             pipeline.handle(event)
         vehicle = pipeline.vehicle(ONE)

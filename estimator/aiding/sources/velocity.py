@@ -39,6 +39,8 @@ DISAGREEMENT_S = 1.5
 CLIP = 25.0
 # The noise scale is a mean over about this many reports, and itself at most as large.
 SCALE_REPORTS = 100.0
+# The noise scale of a receiver's reports may also fall, to this: no IMU has smoothed them.
+LEAST_RECEIVER_SCALE = 0.1
 
 
 class Reporter(NamedTuple):
@@ -137,8 +139,7 @@ def observe_velocity(
     aliasing = scale(params.integration_noise * dt * behind, newest_deviation(now.velocity_history))
     sigma = params.receiver_noise_m_s if reporter.is_receiver else params.filter_noise_m_s
     sigma *= max(1.0, report.sigma_m_s / params.report_sigma_m_s)
-    # no IMU has smoothed a receiver's reports: the scale of their noise may fall, too
-    least = 1.0 / REACH**2 if reporter.is_receiver else 1.0
+    least = LEAST_RECEIVER_SCALE if reporter.is_receiver else 1.0
     loose_at = VELOCITY if reporter.is_alone else reporter.error_at
     elsewhere = rotate(estimate.q_ned_frd, gravity_b)[2] < cos(UNKNOWN_RAD)
     # very noisy reports, or an attitude that makes them look so: then the unaided one disagrees

@@ -30,6 +30,7 @@ from estimator.conditioning.events.turn_signs import (
 )
 from estimator.conditioning.field.calibration import Calibration, with_age
 from estimator.conditioning.field.magnetic import (
+    DIP_SCALE_RAD,
     NORM_SCALE,
     MagneticState,
     has_heading,
@@ -126,7 +127,7 @@ def release_inflation(
     # D^2 by which it looks less usual than before the turn, beyond what an uncertain vertical makes
     # of its dip, and by which it still moves
     off = sqrt(max(inflation.confidence_before, TINY) / max(field.look.confidence, TINY)) - 1.0
-    off -= 0.5 * tilt / NORM_SCALE**2
+    off -= 0.5 * tilt / DIP_SCALE_RAD**2
     off = max(0.0, off) + (jump.moves_rad / params.turn_jump_rad) ** 2
     usual_s = max(0.0, inflation.usual_s + clip(2.0 * (1.0 - off), 1.0) * min(dt_s, LONGEST_STEP_S))
     most = SCALE_ERROR + sqrt(field.reference.uneven)

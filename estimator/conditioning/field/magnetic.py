@@ -12,10 +12,11 @@ from estimator.conditioning.params import FIELD_S, USUAL_S, ConditioningParams
 from estimator.conditioning.robust import robust_factor
 from estimator.types import Vec2, Vec3
 
-# Relative deviation of the norm, and deviation of the dip (rad), that count as one, more than
-# calibrations leave. A field whose horizontal part is less than this share of the downward one
-# shows no heading.
+# Relative deviation of the norm that counts as one, more than calibrations leave. A field whose
+# horizontal part is less than this share of the downward one shows no heading.
 NORM_SCALE = 0.1
+# What changes the norm by so much turns the dip by as much.
+DIP_SCALE_RAD = NORM_SCALE
 # By this share of it (and angle, rad) a field is off if nothing else is known about it.
 MOST_DISTORTION = 0.2
 # A field that neither the expected nor the other one resembles by this much is a third one.
@@ -132,7 +133,7 @@ def observe_field(
         return MagneticState(FieldLook(h, v, 1.0), reference, 0.0, True)
     a = dt_s / (FIELD_S + dt_s)
     expected = (before.horizontal, before.down)
-    look = look_at_field(state.look, (h, v), a, expected, NORM_SCALE, NORM_SCALE)
+    look = look_at_field(state.look, (h, v), a, expected, NORM_SCALE, DIP_SCALE_RAD)
     learn = min(1.0, dt_s / USUAL_S) * look.confidence
     if age < USUAL_S:
         learn = max(learn, weight / samples)
@@ -178,7 +179,7 @@ def watch_alternative(
     other, most = reference.other, 2.0 * USUAL_S
     seen = (look.horizontal, look.down)
     expected = (other.horizontal, other.down)
-    alike = look_at_field(look, seen, 0.0, expected, NORM_SCALE, NORM_SCALE).confidence
+    alike = look_at_field(look, seen, 0.0, expected, NORM_SCALE, DIP_SCALE_RAD).confidence
     gain = dt_s * (alike - look.confidence)
     confirmed_s = max(
         0.0, min(reference.confirmed_s + dt_s * look.confidence - max(gain, 0.0), most)

@@ -28,6 +28,7 @@ from estimator.conditioning.events.turn_signs import (
 )
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import (
+    DIP_SCALE_RAD,
     NORM_SCALE,
     AlternativeField,
     FieldLook,
@@ -129,7 +130,7 @@ def test_a_heading_is_no_surer_than_the_field_that_an_uncertain_vertical_turns(h
 def test_a_field_that_still_moves_or_is_another_keeps_the_inflation():
     moved = (0.06 / PARAMS.turn_jump_rad) ** 2
     # a vertical of that variance explains some of the dip
-    explained = 0.5 * 0.002 / NORM_SCALE**2
+    explained = 0.5 * 0.002 / DIP_SCALE_RAD**2
     seldom = (0.01 / PARAMS.turn_jump_rad) ** 2 + sqrt(0.9 / 0.2) - 1.0 - explained
     for off, unlike in ((moved, {"moves_rad": 0.06}), (seldom, {"confidence": 0.2})):
         inflation, tilt, estimate, released = release(
