@@ -76,14 +76,17 @@ def load_kernels() -> None:
                 overload.library._shared_module = None  # noqa: SLF001 - numba has no other way
     if _LIBRARY is not None:
         with suppress(AttributeError, OSError):  # another C library, or no /proc
-            # the memory of LLVM's code, 50 MB, is given back; what still runs is read again
-            for line in Path("/proc/self/maps").read_text(errors="replace").splitlines():
-                span, access, *_ = line.split()
-                if access == "r-xp" and line.endswith("libllvmlite.so"):
-                    begin, end = (int(bound, 16) for bound in span.split("-"))
-                    place = ctypes.c_void_p(begin), ctypes.c_size_t(end - begin)
-                    _LIBRARY.madvise(*place, MADV_DONTNEED)
+            _release_code(_LIBRARY, "libllvmlite.so")
             _LIBRARY.malloc_trim(0)  # 9 MB that loading has freed
+
+
+def _release_code(system: ctypes.CDLL, library: str) -> None:
+    """Give back the memory of a library's code, 50 MB of LLVM's; what still runs is read again."""
+    for line in Path("/proc/self/maps").read_text(errors="replace").splitlines():
+        span, access, *_ = line.split()
+        if access == "r-xp" and line.endswith(library):
+            begin, end = (int(bound, 16) for bound in span.split("-"))
+            system.madvise(ctypes.c_void_p(begin), ctypes.c_size_t(end - begin), MADV_DONTNEED)
 
 
 def _leave_out_scipy() -> None:

@@ -61,6 +61,11 @@ class Difference(NamedTuple):
         """The same by our sigma."""
         return round(abs(self.off_deg) / max(self.sigma_deg, 0.01), 1)
 
+    @property
+    def is_beyond(self) -> bool:
+        """Whether it is more than may be."""
+        return abs(self.off_deg) > self.allowed_deg
+
 
 class Look(NamedTuple):
     """Both attitudes of the IMU at one instant, the last sample and what is known beside them.
@@ -178,8 +183,8 @@ class SecondOpinion:
             self.restart()
             passed_us = 0
         self._last_us, dt_s = look.time_us, 1e-6 * passed_us
-        for persistence, it in ((self._tilting, inclination), (self._turning, heading)):
-            persistence.look(abs(it.off_deg) > it.allowed_deg, dt_s)
+        self._tilting.look(inclination.is_beyond, dt_s)
+        self._turning.look(heading.is_beyond, dt_s)
         self._ours.look(look.ours.q_ned_frd, look.sample, dt_s)
         self._theirs.look(look.theirs, look.sample, dt_s)
 

@@ -64,20 +64,25 @@ def imu_message(record: AttitudeRecord, acc_frd_m_s2: Vec3 | None, frame_id: str
     (at rest it points up); without it the message is marked so.
     """
     w, x, y, z = swap_ned_enu(record.q_ned_frd)
-    inclination, heading = record.variances_rad2  # about the fixed axes east, north and up
     out = CdrWriter()
     out.put_stamp(record.time_unix_us)
     out.put_text(frame_id)
     out.put(
         "d",
         *(x, y, z, w),
-        *(inclination, 0.0, 0.0, 0.0, inclination, 0.0, 0.0, 0.0, heading),
+        *orientation_covariance(record),
         *flu_from_frd(record.rate_rad_s),
         *UNKNOWN_COVARIANCE,
         *flu_from_frd(ZERO_VEC3 if acc_frd_m_s2 is None else acc_frd_m_s2),
         *(NO_VALUE if acc_frd_m_s2 is None else UNKNOWN_COVARIANCE),
     )
     return out.message
+
+
+def orientation_covariance(record: AttitudeRecord) -> tuple[float, ...]:
+    """Row-major 3x3 (rad^2) about the fixed axes east, north and up, from the estimate's sigmas."""
+    inclination, heading = record.variances_rad2
+    return (inclination, 0.0, 0.0, 0.0, inclination, 0.0, 0.0, 0.0, heading)
 
 
 TF_TOPIC = "/tf"
@@ -128,7 +133,16 @@ def diagnostics_message(record: StatusRecord, unix_us: int, hardware: str) -> by
     out.put("B", level)
     state = ", ".join((record.state, *record.warnings))
     out.put_text(f"{hardware}: attitude", state, hardware)
-    values = {  # what a person looks for, by the names that the status has on Zenoh
+    values = _values(record)
+    out.put("I", len(values))
+    for pair in values.items():
+        out.put_text(*pair)
+    return out.message
+
+
+def _values(record: StatusRecord) -> dict[str, str]:
+    """What a person looks for, by the names that the status has on Zenoh."""
+    values = {
         "imu_message": record.imu_message or "none",
         "imu_rate_hz": f"{record.imu_rate_hz:.1f}",
         "worst_gap_s": f"{record.worst_gap_s:.3f}",
@@ -141,8 +155,4 @@ def diagnostics_message(record: StatusRecord, unix_us: int, hardware: str) -> by
     if (opinion := record.autopilot) is not None:
         words = f"{opinion.verdict} {opinion.in_short}" if opinion.axis else opinion.verdict
         values["autopilot"] = words
-    values |= {f"rejected.{reason}": str(count) for reason, count in record.rejected.items()}
-    out.put("I", len(values))
-    for pair in values.items():
-        out.put_text(*pair)
-    return out.message
+    return values | {f"rejected.{reason}": str(count) for reason, count in record.rejected.items()}

@@ -63,13 +63,8 @@ class ZenohSink:
             match outputs[0]:
                 case Published(vehicle=vehicle, record=record):
                     self._topics[vehicle, type(record)] = self._new_topic(vehicle, type(record))
-                case records.Evicted(vehicle=vehicle):  # everything of it is withdrawn
-                    for kind in (AttitudeRecord, records.StatusRecord):
-                        if (topic := self._topics.pop((vehicle, kind), None)) is not None:
-                            topic.withdraw()
-                    self._profiles.pop(vehicle, None)
-                    if (token := self._tokens.pop(vehicle, None)) is not None:
-                        token.undeclare()  # type: ignore[no-untyped-call]
+                case records.Evicted(vehicle=vehicle):
+                    self._disappear(vehicle)
                     outputs = outputs[1:]
 
     def handle_at_once(self, outputs: Sequence[Output]) -> Sequence[Output]:
@@ -107,6 +102,15 @@ class ZenohSink:
             self._tokens[vehicle] = liveliness.declare_token(alive)
         kind = "attitude" if record is AttitudeRecord else "status"
         return Topic(self._session, self._key(vehicle, kind), JSON)
+
+    def _disappear(self, vehicle: VehicleId) -> None:
+        """Withdraw everything of a vehicle."""
+        for record in (AttitudeRecord, records.StatusRecord):
+            if (topic := self._topics.pop((vehicle, record), None)) is not None:
+                topic.withdraw()
+        self._profiles.pop(vehicle, None)
+        if (token := self._tokens.pop(vehicle, None)) is not None:
+            token.undeclare()  # type: ignore[no-untyped-call]
 
     def _on_query(self, query: "zenoh.Query") -> None:
         """Answer a get; on a thread of zenoh's, where an exception would vanish unseen."""
