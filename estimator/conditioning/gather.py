@@ -9,7 +9,7 @@ from estimator.geometry.quaternion import add, scale
 from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Sample, Vec3
 
 # Learning runs on means over at least this time (s), plenty for values that change in seconds.
-STEP_S = 0.0085
+STEP_S = 0.0185
 
 
 class Gathered(NamedTuple):
