@@ -221,7 +221,8 @@ def follow_signs(
         heading = watch_heading(params, heading, now.estimate, magnetic, field.horizontal, since_s)
     dt = mean.time_s
     weighed = weighing(params, dt)
-    has_field = magnetic.known and magnetic.wait_s < SPAN_S
+    # a jump that is a magnet's shows no turn, so that the force has to
+    has_field = magnetic.known and magnetic.wait_s < SPAN_S and jump.seen_rad < pi
     gravity = watch_gravity(
         params, before.gravity, now.gravity, dt, now.inflation, weighed, has_field
     )

@@ -206,7 +206,7 @@ def watch_gravity(
     Accelerations reverse within a second or two and rarely exceed 1 g, a turn stays. A vertical
     that is ``weighed`` has a variance that decides how far to believe the force.
 
-    Without a field, whose jump would show it sooner, a force that lies off the vertical by more
+    Without a field whose jump would show it sooner, a force that lies off the vertical by more
     than is usual, for longer than a quick motion lasts, shows a smaller turn. An acceleration
     across makes it 1/cos(off) as large, a turn leaves its size: the likelier counts.
     """
