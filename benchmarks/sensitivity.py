@@ -5,38 +5,48 @@
 Each number of conditioning and aiding that is not 0 is multiplied by 0.7 and by 1.4. A row a
 change: the largest change of a set's mean error (percent of it, at least 0.3 deg), the largest
 change of its share under sigma, and the sets on which they are. Sets are the folders' recordings as
-they are, and simulated flights at 50 and at 4 Hz, with velocity and without. A change that a bound
-refuses has none. The last row counts the numbers that move no error by 1 % and no share by 0.02.
+they are and with each fault, and simulated flights at 50 and at 4 Hz, with velocity and without,
+and with each of their faults. A change that a bound refuses has none. The last row counts the
+numbers that move no error by 1 % and no share by 0.02.
 """
 
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from typing import Any
 
-from common.filters import fuzzbee, run_whole
-from common.recordings import chosen_sets
+import numpy as np
+from accuracy import worse
+from common.filters import Filter, Output, fuzzbee, run_whole
+from common.recordings import Trial, chosen_sets
 from common.report import FOLDERS, Row, Tables, benchmark, names, option, seeds
 from common.scores import mean_of
 from common.scores import score as score_trial
 from flying.cases import CASES, SKIP_S, recorded
-from flying.replayed import UNAIDED, Events, fly
+from flying.replayed import UNAIDED, Events, changed, fly
 from flying.replayed import score as score_flight
 from rich.console import Console
 from rich.progress import track
 
+from drivers.events import Imu
 from estimator.errors import InputError
+from estimator.geometry.quaternion import exp, rotate
 from estimator.profile import load_profile, merge_profile, profile_to_json
+from estimator.types import ImuSample
 
 SECTIONS = ("conditioning", "aiding")
 FACTORS = (0.7, 1.4)
-RATES = {"50 Hz": "sound", "4 Hz": "4 Hz"}  # of the flights, and their cases
+WAYS = ("as recorded", "gyroscope cut", "magnets pass")
+CASES_FLOWN = ("sound", "4 Hz", "compass", "satellites")  # of flights, most of them at 50 Hz
+TURNED_AT_S, TURNED = 60.0, exp((1.0, 0.0, 0.5))  # an unsensed turn, by 64 deg
 LEAST_DEG, LEAST_PERCENT, LEAST_SHARE = 0.3, 1.0, 0.02
 ERRORS = ("inclination", "heading")
 SHARES = ("under sigma", "under sigma in motion", "under sigma at rest")
 
 Changes = dict[str, Any]
 Score = Callable[[Changes], Row]
+Way = Callable[[Filter, Trial], Output]
 SETS: dict[str, Score] = {}  # of a process
 
 
@@ -44,22 +54,55 @@ def read(options: Namespace) -> None:
     """Read the recordings and fly the flights, once a process."""
     trials = chosen_sets(options) if options.folders or options.smoke else {}
     for folder, recordings in trials.items():
-        SETS[folder] = lambda changes, of=recordings: mean_of(
-            [score_trial(each, *run_whole(fuzzbee(changes), each)) for each in of]
-        )
-    for rate, case in {} if options.smoke else RATES.items():
-        flights = [
-            recorded(case, motion, seed) for motion in CASES[case].motions for seed in options.seeds
-        ]
-        SETS[f"flights at {rate}"] = lambda changes, of=flights: on_flights(changes, of)
-        SETS[f"flights at {rate}, no velocity"] = lambda changes, of=flights: on_flights(
-            {**changes, "aiding": {**changes.get("aiding", {}), **UNAIDED["aiding"]}}, of
-        )
+        for way in WAYS:
+            SETS[f"{folder}, {way}"] = partial(on_trials, worse(recordings, way, 0), run_whole)
+        SETS[f"{folder}, turned unseen"] = partial(on_trials, recordings, run_turned)
+    for case in () if options.smoke else CASES_FLOWN:
+        motions = CASES[case].motions
+        flights = [recorded(case, motion, k) for motion in motions for k in options.seeds]
+        SETS[f"flights, {case}"] = partial(on_flights, flights, SKIP_S)
+        if case in ("sound", "4 Hz"):
+            SETS[f"flights, {case}, no velocity"] = partial(without_velocity, flights)
+            turned = [turned_unseen(events) for events in flights]
+            SETS[f"flights, {case}, turned unseen"] = partial(on_flights, turned, TURNED_AT_S)
 
 
-def on_flights(changes: Changes, flights: list[Events]) -> Row:
-    """Mean scores with a changed profile."""
-    return mean_of([score_flight(fly(events, changes), SKIP_S) for events in flights])
+def run_turned(filter_: Filter, trial: Trial) -> Output:
+    """The filter on a recording whose sensors have missed a turn in the middle."""
+    run, middle = filter_(trial), len(trial.moving) // 2
+    before = run.advance(slice(0, middle))
+    run.turn(np.array(TURNED))
+    parts = zip(before, run.advance(slice(middle, None)), strict=True)
+    return Output(*map(np.concatenate, parts))
+
+
+def turned_unseen(events: Events) -> Events:
+    """A flight whose IMU is turned in the vehicle until ``TURNED_AT_S``."""
+    first_us = next(event.sample.time_us for event in events if isinstance(event, Imu))
+
+    def turn(sample: ImuSample) -> ImuSample:
+        if sample.time_us - first_us > 1e6 * TURNED_AT_S:
+            return sample
+        gyr, acc, mag = (rotate(TURNED, vector) for vector in sample[1:4])
+        return sample._replace(gyr_rad_s=gyr, acc_m_s2=acc, mag_gauss=mag)
+
+    return changed(events, turn)
+
+
+def on_trials(trials: list[Trial], run: Way, changes: Changes) -> Row:
+    """Mean scores on recordings with a changed profile."""
+    return mean_of([score_trial(each, *run(fuzzbee(changes), each)) for each in trials])
+
+
+def on_flights(flights: list[Events], skip_s: float, changes: Changes) -> Row:
+    """Mean scores on flights."""
+    return mean_of([score_flight(fly(events, changes), skip_s) for events in flights])
+
+
+def without_velocity(flights: list[Events], changes: Changes) -> Row:
+    """The same, of attitudes that no velocity helps."""
+    aiding = {**changes.get("aiding", {}), **UNAIDED["aiding"]}
+    return on_flights(flights, SKIP_S, {**changes, "aiding": aiding})
 
 
 def changes_of(only: str) -> Iterator[tuple[str, float, Changes]]:
