@@ -221,10 +221,8 @@ class Estimator:
         published = state.published
         if published is None or published[0] != time_us:
             published = state.ready().publish(time_us)
-        _, moved, figures, north = published
         # an Attitude's own constructor takes three times as long
-        values = (time_us, *moved, *figures, NORTHS[north])
-        attitude: Attitude = _new(Attitude, values)
+        attitude: Attitude = _new(Attitude, (*published[:-1], NORTHS[published[-1]]))
         return attitude
 
     @property

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from drivers.samples.imu_stream import MAG_LIMIT_GAUSS, RepeatedField, finite_or_zero, is_field
+from drivers.samples.imu_stream import MAG_LIMIT_GAUSS, RepeatedField, is_field
 from estimator import estimator
 from estimator.arrays import Floats
 from estimator.compilation.kernel_folder import notify_programs
@@ -156,18 +156,19 @@ class Estimator:
             time_us = microseconds(time_s)
         self._number += 1
         self._last_us = time_us
-        has_mag = mag_gauss is not None and self._field.is_fresh(finite_or_zero(mag), time_us)
+        has_mag = mag_gauss is not None and self._field.is_fresh(mag, time_us)
         if has_mag and not is_field(mag):
             self._count(Reason.MAGNETOMETER_OUT_OF_RANGE)
             has_mag = False
-        sample = (time_us, gyr, acc, mag if has_mag else ZERO_VEC3, has_mag)
+        mag = mag if has_mag else ZERO_VEC3
         if not self._is_plain:
-            sample = self.profile.to_body_axes(ImuSample(*sample))
+            sample = ImuSample(time_us, gyr, acc, mag, has_mag)
+            _, gyr, acc, mag, _ = self.profile.to_body_axes(sample)
         inner = self._inner
-        if (reason := inner.take(*sample)) is not None:
+        if (reason := inner.take(time_us, gyr, acc, mag, has_mag)) is not None:
             self._count(reason)
-        if not inner.aligned:
-            return None
+            if not inner.aligned:
+                return None
         attitude = inner.attitude(time_us)
         w, x, y, z = attitude.q_ned_frd
         if isfinite(w + x + y + z):

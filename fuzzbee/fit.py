@@ -12,8 +12,8 @@ from math import pi
 import numpy as np
 
 from estimator.arrays import Floats, Times
-from estimator.live.rows import Rows, cut
-from tuning.turning import MOST, SLOW_S, TURNS, median, roots, spans_of, squares_left, usual_step_us
+from estimator.live.rows import Rows
+from tuning.turning import SIZED, SLOW_S, TURNS, roots, spans_of, squares_left, usual_of
 
 LEAST_S = 5.0  # shorter recordings show too little
 SLOWEST_S = 2.0  # between samples: what is slower has another unit
@@ -23,7 +23,6 @@ EXPLAINED = 2.0 / 3.0
 # Beside accelerations nothing is explained, but a unit that is too large makes it so much worse.
 MUCH_BETTER = 8.0
 ALIKE = 1.05  # of two ways that leave as much the plainer one is reported
-UPSIDE_DOWN = 0.5  # mean of the unit force's z; -1 stands level
 UPSIDE_DOWN_LINE = (
     "the vehicle is upside down most of the time: data in x forward, y left, z up want"
     " * (1, -1, -1) for all three, gravity instead of specific force wants acc * -1"
@@ -49,7 +48,6 @@ MAG_USUAL = (0.05, 5.0)
 ALMOST_G = (8.5, 11.0)  # m/s^2
 # Between samples: what is quicker has another unit than seconds. From each on, time_s is in this.
 FASTEST_S = 3e-5
-SIZED = 500  # rows, from all of a recording, whose sizes are looked at
 TIME_UNITS = ((6e5, "nanoseconds", 1e9), (600.0, "microseconds", 1e6), (0.0, "milliseconds", 1e3))
 
 
@@ -65,7 +63,7 @@ def as_written(name: str, turn: Floats, unit: str = "") -> str:
 def advice(rows: Rows) -> tuple[str, ...]:
     """Lines for a person, each with what would fit better; none of a recording that is sound."""
     times_us = rows.times_us
-    step_s = 1e-6 * usual_step_us(times_us)
+    step_s, acc_size, mag_size, is_upside_down = usual_of(rows)
     if len(times_us) > SIZED and 0.0 < step_s < FASTEST_S:
         return (f"samples are {step_s:.1g} s apart: time_s counts seconds",)
     if not is_enough(times_us):
@@ -77,28 +75,13 @@ def advice(rows: Rows) -> tuple[str, ...]:
         rows = _shrunk(rows, shrunk)
     if not rows.gyr_rad_s.any():
         found.append("the gyroscope reads nothing but 0")
-    _, gyr, acc, mag, has_mag = cut(rows, 0, None, max(1, len(times_us) // SIZED))
-    forces, fields = np.linalg.norm(acc, axis=1), np.linalg.norm(mag[has_mag], axis=1)
-    acc_size, mag_size = _usual(forces), _usual(fields)
-    found += [*_swapped(gyr, acc_size, mag_size)] or [
+    found += [*_swapped(rows, acc_size, mag_size)] or [
         *_unit("accelerometer", acc_size, ACC_UNITS, ACC_USUAL),
         *(_unit("magnetometer", mag_size, MAG_UNITS, MAG_USUAL) if rows.has_mag.any() else ()),
         *_axes(rows),
-        *_upside_down(acc[:, 2], forces),
+        *((UPSIDE_DOWN_LINE,) if is_upside_down else ()),
     ]
     return tuple(found)
-
-
-def _usual(sizes: Floats) -> float:
-    """The median of those that readings in some unit may have, 0 of none."""
-    return median(sizes[sizes < MOST])
-
-
-def _upside_down(acc_z: Floats, sizes: Floats) -> Iterator[str]:
-    """Whether forces point down mostly, where they point at all."""
-    points = (sizes > 0.0) & (sizes < MOST)
-    if np.sum(acc_z[points] / sizes[points]) > UPSIDE_DOWN * np.count_nonzero(points):
-        yield UPSIDE_DOWN_LINE
 
 
 def is_enough(times_us: Times) -> bool:
@@ -128,7 +111,7 @@ def _true_step_s(rows: Rows, step_s: float) -> float:
     """The time between samples by how vectors turn; that given, if they do not show."""
     best, true_s = EXPLAINED, step_s
     for tried_s, is_field in product((0.001, 0.004, 0.016), (True, False)):
-        spans = spans_of(_shrunk(rows, tried_s / step_s), is_field)
+        spans, _ = spans_of(_shrunk(rows, tried_s / step_s), is_field)
         squares = squares_left(spans, TURNS[:1], has_offset=False)
         scale = _best_scale(squares)
         share = float(roots(squares, scale)[0, 0])
@@ -151,15 +134,15 @@ def _unit(what: str, size: float, units: Units, usual: tuple[float, float]) -> I
         yield f"{reads}, {usual[0]:g} to {usual[1]:g} is usual"
 
 
-def _swapped(gyr: Floats, acc_size: float, mag_size: float) -> Iterator[str]:
+def _swapped(rows: Rows, acc_size: float, mag_size: float) -> Iterator[str]:
     """Whether another sensor reads what the accelerometer should; one that turns so fast varies."""
     if ACC_USUAL[0] <= acc_size <= ACC_USUAL[1]:
         return
-    rates = np.linalg.norm(gyr, axis=1)
+    rates = np.linalg.norm(rows.gyr_rad_s[:: max(1, len(rows.gyr_rad_s) // SIZED)], axis=1)
     steady = np.count_nonzero((rates >= ALMOST_G[0]) & (rates <= ALMOST_G[1]))
     swapped = "{} reads {:.3g} mostly, as acc should: they may be swapped"
-    if steady > EXPLAINED * len(gyr):
-        yield swapped.format("gyr", _usual(rates))
+    if steady > EXPLAINED * len(rates):
+        yield swapped.format("gyr", usual_of(rows._replace(acc_m_s2=rows.gyr_rad_s))[1])
     if ACC_USUAL[0] <= mag_size <= ACC_USUAL[1] and MAG_USUAL[0] <= acc_size <= MAG_USUAL[1]:
         yield swapped.format("mag", mag_size)
 
@@ -167,7 +150,8 @@ def _swapped(gyr: Floats, acc_size: float, mag_size: float) -> Iterator[str]:
 def _axes(rows: Rows) -> Iterator[str]:
     """What the turning of field and force shows of the gyroscope, or of the field's axes."""
     for what, is_field in (("magnetometer", True), ("accelerometer", False)):
-        if better := _better(spans_of(rows, is_field), is_field=is_field):
+        spans, share = spans_of(rows, is_field)
+        if share > EXPLAINED and (better := _better(spans, is_field=is_field)):
             yield f"gyroscope and {what} agree {better}"
             return
 

@@ -6,16 +6,19 @@ turned: by which right angle, a known field beside a compass's readings shows.
 """
 
 from itertools import permutations, product
+from math import sqrt
 
 import numpy as np
 
 from estimator.arrays import Floats, Ints, Times
 from estimator.compilation.compiled import compiled, inlined, types_of
-from estimator.geometry.quaternion import add, norm, scale, square
+from estimator.geometry.quaternion import add, cross, norm, scale, square
 from estimator.live.rows import NO_ROWS, Rows, reading_of
 from estimator.types import ZERO_VEC3, Vec3
 
 SPAN_S = 0.05  # of the means that are compared: noise is less, turns are still small
+SIZED = 500  # rows, from all of a recording, whose sizes are looked at
+UPSIDE_DOWN = 0.5  # mean of the unit force's z; -1 stands level
 MOST_SPANS = 100  # from all of the recording, however long it is
 FEWEST_SPANS = 25  # that a comparison needs
 SLOW_S = 0.1  # between samples: the turns are too large to be compared
@@ -56,10 +59,24 @@ def median(values: Floats | Ints) -> float:
 
 
 @inlined
-def usual_step_us(times_us: Times) -> float:
+def _usual_step_s(times_us: Times) -> float:
     """The median time from one row to the next, of some hundred from all of them; 0 of one row."""
     at = _spread(len(times_us) - 1)
-    return median(times_us[at + 1] - times_us[at])
+    return 1e-6 * median(times_us[at + 1] - times_us[at])
+
+
+@compiled(types=lambda: types_of(NO_ROWS))
+def usual_of(rows: Rows) -> tuple[float, float, float, bool]:
+    """Medians of steps (s), forces, fields in any unit, 0 of none; whether forces point down."""
+    at: Ints = np.arange(0, len(rows.times_us), max(1, len(rows.times_us) // SIZED))
+    forces, fields, beyond = np.zeros(len(at)), np.zeros(len(at)), 0.0
+    for m, k in enumerate(at):
+        _, _, force, field, has_mag = reading_of(rows, k)
+        forces[m], fields[m] = norm(force), norm(field) if has_mag else MOST
+        if 0.0 < forces[m] < MOST:
+            beyond += force[2] / forces[m] - UPSIDE_DOWN
+    acc_size, mag_size = median(forces[forces < MOST]), median(fields[fields < MOST])
+    return _usual_step_s(rows.times_us), acc_size, mag_size, beyond > 0.0
 
 
 @inlined
@@ -89,23 +106,26 @@ def _span(rows: Rows, numbers: Ints, is_field: bool) -> tuple[Vec3, Vec3, Vec3, 
 
 
 @compiled(types=lambda: types_of(NO_ROWS, True))
-def spans_of(rows: Rows, is_field: bool) -> Floats:
-    """Pairs of means over :data:`SPAN_S`, without those with a gap or a spike; none of a few."""
+def spans_of(rows: Rows, is_field: bool) -> tuple[Floats, float]:
+    """Pairs of means without a gap or a spike, none of a few; what the gyroscope leaves, RMS."""
     vectors = rows.mag_gauss if is_field else rows.acc_m_s2
     known = np.flatnonzero(np.isfinite(vectors[:, 0]) & (rows.has_mag | (not is_field)))
-    step_s = 1e-6 * usual_step_us(rows.times_us[known])
+    step_s = _usual_step_s(rows.times_us[known])
     n = max(1, round(SPAN_S / step_s)) if 0.0 < step_s <= SLOW_S else len(known) + 1
     begins = 2 * n * _spread(len(known) // (2 * n))
     spans, sizes = np.zeros((len(begins), 15)), np.zeros(len(begins))
-    whole = np.zeros(len(begins), np.bool_)
+    whole, squares = np.zeros(len(begins), np.bool_), np.zeros((len(begins), 2))
     for m, begin in enumerate(begins):
         a, v, c, passed_s = _span(rows, known[begin : begin + 2 * n], is_field)
         sizes[m], is_reading = norm(a), square(a) + square(v) + square(c) < MOST**2
         whole[m] = is_reading and 0.0 < passed_s < 2.0 * n * step_s
+        squares[m, 0], squares[m, 1] = square(add(c, cross(a, v))), square(c)
         spans[m] = np.array(a + c + scale(v[0], a) + scale(v[1], a) + scale(v[2], a))
     if whole.any():
         whole &= sizes <= SPIKE * np.sort(sizes[whole])[int(LARGER * (whole.sum() - 1))]
-    return np.asarray(spans[whole & (whole.sum() >= FEWEST_SPANS)])
+    whole &= whole.sum() >= FEWEST_SPANS
+    sums = squares[whole].sum(axis=0)
+    return spans[whole], sqrt(sums[0] / sums[1]) if sums[1] > 0.0 else 0.0
 
 
 def squares_left(spans: Floats, turns: Floats, *, has_offset: bool) -> Floats:

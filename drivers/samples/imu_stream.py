@@ -58,11 +58,11 @@ class RepeatedField:
         self.last: tuple[Vec3, int] = ZERO_VEC3, 0
 
     def is_fresh(self, mag_gauss: Vec3, time_us: int) -> bool:
-        """Whether it is neither zero nor repeated."""
-        if not is_fresh(mag_gauss, time_us, *self.last):
-            return False
-        self.last = mag_gauss, time_us
-        return True
+        """Whether it is finite, not zero, and not repeated."""
+        last, last_us = self.last
+        if fresh := is_fresh(mag_gauss, time_us, last, last_us):
+            self.last = mag_gauss, time_us
+        return fresh
 
     def fresh_rows(self, mag_gauss: Floats, times_us: Times) -> Bools:
         """Which of N fields (N, 3) are: finite, not zero, and not repeated; (N,)."""
@@ -73,8 +73,11 @@ class RepeatedField:
 
 @inlined
 def is_fresh(mag_gauss: Vec3, time_us: int, last: Vec3, last_us: int) -> bool:
-    """Whether a field is neither zero nor a repetition of the last fresh one."""
-    return mag_gauss != ZERO_VEC3 and not (mag_gauss == last and 0 <= time_us - last_us < REPEAT_US)
+    """Whether a field is finite, and neither zero nor a repetition of the last fresh one."""
+    x, y, z = mag_gauss
+    is_finite = math.isfinite(x) and math.isfinite(y) and math.isfinite(z)
+    is_repeated = mag_gauss == last and 0 <= time_us - last_us < REPEAT_US
+    return is_finite and mag_gauss != ZERO_VEC3 and not is_repeated
 
 
 @compiled(types=lambda: types_of(np.zeros((1, 3)), np.zeros(1, np.int64), ZERO_VEC3, 0))
@@ -85,8 +88,7 @@ def fresh_of_rows(
     fresh = np.zeros(len(times_us), np.bool_)
     for k in range(len(times_us)):
         field, time_us = (mag_gauss[k, 0], mag_gauss[k, 1], mag_gauss[k, 2]), times_us[k]
-        finite = math.isfinite(field[0]) and math.isfinite(field[1]) and math.isfinite(field[2])
-        if finite and is_fresh(field, time_us, last, last_us):
+        if is_fresh(field, time_us, last, last_us):
             fresh[k], last, last_us = True, field, time_us
     return fresh, last, last_us
 

@@ -76,8 +76,8 @@ Motion = tuple[Quaternion, Vec3, Vec3, float, float, float]
 # Confidences of gravity and field, sigmas (rad) of inclination and heading.
 Figures = tuple[float, float, float, float]
 # The time (us) that they are for, both, and the place in ``NORTHS`` of what the heading is from.
-Published = tuple[int, Motion, Figures, int]
-NOTHING_PUBLISHED: Published = (-1, (IDENTITY, ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0), (0.0,) * 4, 0)
+Published = tuple[int, *Motion, *Figures, int]
+NOTHING_PUBLISHED: Published = (-1, IDENTITY, ZERO_VEC3, ZERO_VEC3, *(0.0,) * 7, 0)
 
 # Longest propagation beyond the last sample, s: later its rate shows nothing of the vehicle.
 OUTPUT_HORIZON_S = 1.0
@@ -163,15 +163,14 @@ def widen(figures: Figures, rate_rad_s: Vec3, ahead_s: float) -> Figures:
 @inlined
 def write(row: Any, output: Published, is_aided: bool) -> None:
     """All of it as a row, in the order of the columns of :mod:`estimator.live.rows`."""
-    _, (q, rate, bias, error, error_rate, gain), figures, north = output
+    (_, q, rate, bias), figures, north = output[:4], output[4:11], output[11]
     for i in range(4):
         row[i] = q[i]
     for i in range(3):
         row[4 + i] = rate[i]
         row[7 + i] = bias[i]
-    row[10], row[11], row[12] = error, error_rate, gain
-    for i in range(4):
-        row[13 + i] = figures[i]
+    for i in range(7):
+        row[10 + i] = figures[i]
     row[17], row[18] = north, 1.0 if is_aided else 0.0
 
 

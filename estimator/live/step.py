@@ -334,7 +334,7 @@ def published_by(handle: Any, time_us: int, is_aided: bool) -> Published:
     moved = motion(handle.filter, rate_rad_s, ahead_s, error, error_rate_1_s)
     # the place in ``NORTHS`` of what the heading is measured from
     north = now.north if handle.seen.has_heading else now.north_without
-    return time_us, moved, figures, north
+    return (time_us, *moved, *figures, north)
 
 
 @inlined
