@@ -91,10 +91,10 @@ def times_of(given: ArrayLike, rows: int) -> Times:
 def array(name: str, given: ArrayLike, *shape: int | None) -> Floats:
     """Numbers, NaN where one is masked, of this shape if there is one; None is any length."""
     try:
-        found: Any = np.ma.asarray(given)
+        found: Any = given if isinstance(given, np.ndarray) else np.ma.asarray(given)
         if found.dtype.kind not in "biufO":
             raise TypeError  # noqa: TRY301 - numbers as text, complex ones and dates are none
-        values: Floats = np.asarray(found.astype(float).filled(nan), order="C")
+        values: Floats = np.asarray(np.ma.filled(found.astype(float), nan), order="C")
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name}: must be an array of numbers") from None
     sizes = zip(shape, values.shape, strict=False)
