@@ -25,6 +25,7 @@ SPAN_S = 1.0
 # residual of an aided heading has the same low-pass.
 CONFIRM_S = 4.0
 # Accelerations that the mean force does not average out, and slips of wheels, last for so long, s.
+# What the field does within it is the vehicle's own: a place's gradients take longer.
 ACCELERATION_LASTS_S = 3.0
 # What is compared with now, s: accelerations, a drifting field, where gravity and field stood.
 LATELY_S = 10.0
@@ -71,7 +72,6 @@ class ConditioningParams(NamedTuple):
     # Slow streams: turns between samples, and the scatter of the force's direction.
     step_turn_noise_1_s: Share = 0.4  # of the rate, each second; small: relies on the gyroscope
     scatter_tau_s: Time = 7.0  # averaging of the scatter; small: jumpy, large: late
-    force_size_noise: Share = 1.0  # rad for a force of twice its size; small: relies on the force
 
     # Bias.
     bias_limit_rad_s: Rate = radians(2.0)  # of an innovation, a bias at rest; in motion 10 deg/s
@@ -82,7 +82,6 @@ class ConditioningParams(NamedTuple):
     # The field's calibration.
     field_lag_sigma_s: Lag = 0.05  # of the unknown lag; small: hardly learns one
     field_offset_sigma: Share = 0.15  # vehicle's own field / the place's; small: hardly learns one
-    calibration_high_pass_s: Time = 3.0  # small: noise, large: the place's gradients count
     calibration_noise_s: Lag = 0.005  # of the relative field, squared; small: jumpy, large: slow
     calibration_reach: Share = 0.5  # relative residual beyond which nothing is learnt
     calibration_turn: Share = 1.5  # squared distance of R from its mean that shows an offset

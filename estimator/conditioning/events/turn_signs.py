@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.events.jump_signs import MOST_USUAL
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import (
     CONFIRM_S,
@@ -21,9 +20,10 @@ from estimator.conditioning.params import (
     USUAL_S,
     ConditioningParams,
 )
-from estimator.conditioning.robust import MOST_DEVIATION, robust_factor
+from estimator.conditioning.robust import MOST_DEVIATION, REACH, robust_factor
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD, Estimate
 from estimator.conditioning.vertical.gravity import GravityState
+from estimator.conditioning.vertical.lowpass import largest_lead
 from estimator.conditioning.vertical.slow_acceleration import MOST_APART_RAD, PRIOR_VARIANCE
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import (
@@ -43,7 +43,7 @@ def duration_s(holds: bool, lasted_s: float, dt_s: float) -> float:
 
 
 # The largest part of a turn by which the force of ``SPAN_S`` is ahead of the low-passed one.
-SPAN_LEAD = 0.54
+SPAN_LEAD = largest_lead(SPAN_S, ConditioningParams().gravity_tau_s)
 # A field points to a heading given up again within this share of the angle by which it is off the
 # present one.
 STILL_OFF = 0.5
@@ -216,7 +216,7 @@ def watch_gravity(
     falls = square(quick) <= (1.0 - MOST_DEVIATION) ** 2 * square(f)
     off = 0.0 if falls else angle_between_vectors(quick, f)
     elsewhere = weighed == 0.0 and off > MOST_APART_RAD
-    usual = MOST_USUAL**2 * (state.force_scatter + inflation)
+    usual = REACH**2 * (state.force_scatter + inflation)
     unusual = 0.0 if has_field or weighed > 0.0 else max(0.0, off * off - usual)
     along = cos(off) if off < 0.5 * pi else 0.0
     keeps_size = square(quick) * along**2 <= 0.5 * (1.0 + along**2) * square(f)

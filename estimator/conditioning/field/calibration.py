@@ -3,7 +3,12 @@
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.params import FORGET_S, LONGEST_STEP_S, ConditioningParams
+from estimator.conditioning.params import (
+    ACCELERATION_LASTS_S,
+    FORGET_S,
+    LONGEST_STEP_S,
+    ConditioningParams,
+)
 from estimator.conditioning.robust import MOST_DEVIATION, REACH, robust_factor
 from estimator.conditioning.vertical.bias import Covariance, update
 from estimator.conditioning.vertical.lowpass import approach
@@ -34,7 +39,7 @@ class CalibrationState(NamedTuple):
 
     learnt: Calibration  # the unknowns
     means: CalibrationMeans = CalibrationMeans()  # high-passing takes them off
-    age_s: float = 0.0  # of the means, up to ``calibration_high_pass_s``
+    age_s: float = 0.0  # of the means, up to ``ACCELERATION_LASTS_S``
     started: bool = False  # whether the means are of this attitude
     scatter: float = 0.0  # mean square of what of the field's change no unknown explains
 
@@ -146,7 +151,7 @@ def learn_calibration(
     R turns body to G; ``axes`` are its axes. In G the place's field F stands still but for the
     gyroscope's drift. What moves with the body is the vehicle's own field (hard iron), what moves
     with the turn rate is the sensor's age. All is high-passed alike, so that F and slow drift
-    vanish: less its mean over ``calibration_high_pass_s``, or since the start. ``field_g`` is
+    vanish: less its mean over ``ACCELERATION_LASTS_S``, or since the start. ``field_g`` is
     corrected already, so its residual is that of what has been taken off.
 
     A body that hardly turns, and a slow stream, teach only the lag. What turned ``unseen``
@@ -161,7 +166,7 @@ def learn_calibration(
     before = Calibration(before.lag_s, scale(ratio, before.offset), before.covariance, norm)
     if not state.started:
         return CalibrationState(before, CalibrationMeans(y, x, axes), dt_s, True, state.scatter)
-    age_s = min(state.age_s + dt_s, params.calibration_high_pass_s)
+    age_s = min(state.age_s + dt_s, ACCELERATION_LASTS_S)
     means = means_after(state.means, ratio, y, x, axes, min(1.0, dt_s / age_s))
     taken_off, _ = own_field(before)
     offset, lag_s, p = before.offset, before.lag_s, walk(params, before.covariance, dt_s)
@@ -174,8 +179,8 @@ def learn_calibration(
         shows_offset = turned >= params.calibration_turn and not is_slow
         own = params.calibration_reach**2 * turned + p[9] * dot(dx, dx)
         excess = max(0.0, dot(dy, dy) - own) / 3.0
-        scatter += dt_s / (params.calibration_high_pass_s + dt_s) * (excess - scatter)
-        lasting_s = scatter * params.calibration_high_pass_s
+        scatter += dt_s / (ACCELERATION_LASTS_S + dt_s) * (excess - scatter)
+        lasting_s = scatter * ACCELERATION_LASTS_S
         least = (params.calibration_noise_s + lasting_s) / dt_s + unseen
         for i in range(3):
             row = r[i] if shows_offset else ZERO_VEC3

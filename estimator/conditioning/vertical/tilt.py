@@ -180,15 +180,15 @@ def update_tilt(
 
     A scalar Kalman filter, whose P has grown by the step: K = P/(P + R), P <- (1 - K)^2 P + K^2 R.
     R is the scatter of the force's direction, its mean square learnt from the innovations by
-    expectation (R/(P + R))^2 v^2 + P R/(P + R), more for a force of unusual size, times 2 T/dt as
-    accelerations last for T. Longer ones add ``slow_square`` (rad^2). The share is at least
-    ``least_share``.
+    expectation (R/(P + R))^2 v^2 + P R/(P + R), plus the square of the share by which its size is
+    unusual, times 2 T/dt as accelerations last for T. Longer ones add ``slow_square`` (rad^2). The
+    share is at least ``least_share``.
     """
     p = state.variance
     size = norm(u)
     mean = state.force
     unusual = size / mean - 1.0 if mean > 0.0 else 0.0
-    r = state.scatter + (params.force_size_noise * unusual) ** 2
+    r = state.scatter + unusual**2
     brief = r * max(1.0, 2.0 * QUICK_S / dt_s)
     white = brief + slow_square * max(1.0, 2.0 * ACCELERATION_LASTS_S / dt_s)
     share = max(least_share, p / (p + white))

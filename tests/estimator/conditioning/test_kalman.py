@@ -8,7 +8,7 @@ import pytest
 from estimator.conditioning.field import calibration
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.field.step import heading_noise, learn_heading
-from estimator.conditioning.params import FORGET_S, ConditioningParams
+from estimator.conditioning.params import ACCELERATION_LASTS_S, FORGET_S, ConditioningParams
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical import bias as bias_filter
@@ -176,7 +176,7 @@ def test_a_turning_body_shows_lag_and_own_field(rng, turned):
     grown = [PARAMS.field_offset_sigma**2 * walk] * 3 + [PARAMS.field_lag_sigma_s**2 * walk]
     x, p = np.array([*state.learnt.offset, 0.01]), square(state.learnt.covariance)
     h = np.column_stack([rows, dx])
-    high_pass_s = PARAMS.calibration_high_pass_s
+    high_pass_s = ACCELERATION_LASTS_S
     scatter = (1.0 - DT / (high_pass_s + DT)) * 0.004
     kept_on = x[:3] - calibration.own_field(state.learnt)[0]  # no error: it has not been taken off
     x, p = updated(
@@ -193,7 +193,7 @@ def test_what_changes_the_field_of_a_body_that_stands_still_is_scatter():
     for field in ((0.2, 0.0, 0.42), (0.23, 0.0, 0.40)):
         state = calibration.learn_calibration(PARAMS, state, axes, STILL, field, 0.46, DT, 0.0)
     change = 0.5 * np.array((0.03, 0.0, -0.02)) / 0.46
-    share = DT / (PARAMS.calibration_high_pass_s + DT)
+    share = DT / (ACCELERATION_LASTS_S + DT)
     assert state.scatter == pytest.approx(share * np.dot(change, change) / 3.0)
 
 
