@@ -108,15 +108,11 @@ def inflation(apart: Apart) -> float:
 
 @inlined
 def inflated(sigma: Sigmas, consistency: Consistency) -> Sigmas:
-    """The sigmas, inflated by what contradicts the attitude.
-
-    What has turned the vertical unseen may have turned the heading as far.
-    """
+    """The sigmas, inflated by what contradicts the attitude."""
     inclination, heading = sigma.inclination_rad, sigma.heading_rad
-    by_tilt = inflation(consistency.tilt)
     return Sigmas(
-        inclination_rad=(inclination * inclination + by_tilt) ** 0.5,
-        heading_rad=(heading * heading + by_tilt + inflation(consistency.heading)) ** 0.5,
+        inclination_rad=(inclination * inclination + inflation(consistency.tilt)) ** 0.5,
+        heading_rad=(heading * heading + inflation(consistency.heading)) ** 0.5,
     )
 
 

@@ -10,7 +10,7 @@ wrong, so the angle between them counts as an error of the heading.
 from math import asin, atan2, hypot, pi, radians, sqrt
 from typing import Any, NamedTuple
 
-from estimator.aiding.consistency import Consistency, inflated
+from estimator.aiding.consistency import Consistency, inflated, inflation
 from estimator.aiding.correction_cusum import with_unexpected_turn
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.types import AidingParams, AidingState
@@ -134,11 +134,13 @@ def aided_figures(
     sigma = aided.sigma
     wide = with_unexpected_turn(inflated(sigma, consistency), aided.correction_cusum, covariance)
     wide = with_dip_error(params, wide, aided.field, place_gauss, covariance)
+    # what has turned the vertical unseen may have turned the heading as far
+    heading_rad = hypot(wide.heading_rad, sqrt(inflation(consistency.tilt)))
     return (
         confidence(sigma.inclination_rad, GRAVITY_HALF_RAD),
         confidence(sigma.heading_rad, MAGNETIC_HALF_RAD),
         at_most_half_turn(at_least(wide.inclination_rad)),
-        at_most_half_turn(at_least(hypot(wide.heading_rad, mounted_rad))),
+        at_most_half_turn(at_least(hypot(heading_rad, mounted_rad))),
     )
 
 

@@ -8,7 +8,7 @@ from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import MOST_DISTORTION
 from estimator.conditioning.params import LATELY_S, LONG_S, QUICK_S, ConditioningParams
-from estimator.conditioning.robust import FAR, REACH
+from estimator.conditioning.robust import FAR
 from estimator.conditioning.vertical.lowpass import approach, largest_between
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
@@ -18,6 +18,9 @@ from estimator.types import ZERO_VEC3, Vec2, Vec3
 JUMP_QUICK_S = 0.1
 # The largest part of a jump that lies between the two.
 JUMP_SHARE = largest_between(JUMP_QUICK_S, QUICK_S)
+# In how far they differ usually a moment counts as no more than so many times that, and noise: a
+# jump is not usual because it has come, and teaches no calibration.
+MOST_USUAL = 2.5
 
 
 class JumpSigns(NamedTuple):
@@ -74,16 +77,15 @@ def watch_field(
     quick_norm = state.quick_norm + a * (n - state.quick_norm)
     slow_norm = state.slow_norm + b * (n - state.slow_norm)
     stretched = (quick_norm / max(slow_norm, TINY) - 1.0) ** 2
-    # a jump is not usual because it has come
     if state.age_s > LATELY_S:
-        apart = min(apart, REACH**2 * (state.usual + LEAST_DIRECTION_RAD**2))
+        apart = min(apart, MOST_USUAL**2 * (state.usual + LEAST_DIRECTION_RAD**2))
     moves_rad = turn_of(state.quick, field_g)
     turning_lately = max(turning, state.turning + b * (turning - state.turning))
     # A field that goes along turns in G by twice the vehicle's turn at most.
     least = params.turn_jump_rad**2 + FAR * (state.scatter + state.unseen + unseen)
     least += 4.0 * turning_lately * dt_s**2
     leaps = moves_rad > state.moves_rad + sqrt(least)
-    scatter = min(moves_rad**2, REACH**2 * (state.scatter + LEAST_DIRECTION_RAD**2))
+    scatter = min(moves_rad**2, MOST_USUAL**2 * (state.scatter + LEAST_DIRECTION_RAD**2))
     return JumpSigns(
         quick=quick,
         slow=slow,
@@ -143,5 +145,5 @@ def looks_turned(params: ConditioningParams, state: JumpSigns) -> bool:
     unsensed turn the calibration's means are of another attitude, and what has jumped would
     pass for the vehicle's own field along an axis that is still unknown. So would a magnet.
     """
-    least = params.turn_jump_rad**2 + REACH**2 * (state.usual + state.unseen)
+    least = params.turn_jump_rad**2 + MOST_USUAL**2 * (state.usual + state.unseen)
     return state.apart_rad**2 > least

@@ -49,6 +49,9 @@ from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, weighing, with_v
 from estimator.geometry.quaternion import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE, dot
 from estimator.types import ZERO_VEC3, Vec2
 
+# The share of a turn that its jump shows: of one within 0.4 s. Noise adds to either.
+SUDDEN_SHARE = 0.9
+
 
 class HeadingInflation(NamedTuple):
     """Variance that a jump adds to the heading once the field looks as usual again."""
@@ -91,14 +94,14 @@ def inflate_variance(
 
 @inlined
 def is_sudden(noise: float, variance: float, steepness: float, horizontal: Vec2) -> bool:
-    """Whether the angle by which the field is off by now came in the jump at once, but for noise.
+    """Whether most of the angle by which the field is off by now came in the jump at once.
 
     A magnet that passes takes its time. ``noise`` (rad^2) is the variance of what a jump shows. A
     heading off by h turns a field of dip d by 2 asin(cos d sin h/2).
     """
     off = abs(atan2(horizontal[1], horizontal[0]))
     turned = 2.0 * asin(sin(0.5 * off) / sqrt(1.0 + steepness))
-    return turned - sqrt(noise) < sqrt(variance / (1.0 + steepness))
+    return SUDDEN_SHARE * turned - sqrt(noise) < sqrt(variance / (1.0 + steepness))
 
 
 @inlined

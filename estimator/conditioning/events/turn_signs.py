@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
+from estimator.conditioning.events.jump_signs import MOST_USUAL
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import (
     CONFIRM_S,
@@ -20,7 +21,7 @@ from estimator.conditioning.params import (
     USUAL_S,
     ConditioningParams,
 )
-from estimator.conditioning.robust import MOST_DEVIATION, REACH, robust_factor
+from estimator.conditioning.robust import MOST_DEVIATION, robust_factor
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD, Estimate
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lowpass import largest_lead
@@ -216,7 +217,7 @@ def watch_gravity(
     falls = square(quick) <= (1.0 - MOST_DEVIATION) ** 2 * square(f)
     off = 0.0 if falls else angle_between_vectors(quick, f)
     elsewhere = weighed == 0.0 and off > MOST_APART_RAD
-    usual = REACH**2 * (state.force_scatter + inflation)
+    usual = MOST_USUAL**2 * (state.force_scatter + inflation)
     unusual = 0.0 if has_field or weighed > 0.0 else max(0.0, off * off - usual)
     along = cos(off) if off < 0.5 * pi else 0.0
     keeps_size = square(quick) * along**2 <= 0.5 * (1.0 + along**2) * square(f)

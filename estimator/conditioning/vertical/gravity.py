@@ -7,7 +7,7 @@ the earth. 6D is G made level by the correction C, with an arbitrary heading.
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.params import LATELY_S, SPAN_S, USUAL_S, ConditioningParams
+from estimator.conditioning.params import SPAN_S, USUAL_S, ConditioningParams
 from estimator.conditioning.rate import FAST_STEP_S
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, smooth
 from estimator.geometry.quaternion import (
@@ -32,6 +32,8 @@ from estimator.types import (
 
 # Less smoothed force than this (m/s^2) has no direction: free fall.
 LEAST_FORCE_M_S2 = 0.5
+# The long mean of the low-passed force is taken over so many of its time constants.
+LONG_MEAN = 3.0
 
 
 class Force(NamedTuple):
@@ -40,7 +42,7 @@ class Force(NamedTuple):
     down: Smooth = Smooth()  # low-passed over ``gravity_tau_s``, m/s^2
     best: Smooth = Smooth()  # low-passed for as long as accelerations and turning require, m/s^2
     quick: Vec3 = ZERO_VEC3  # followed faster, m/s^2
-    long: Vec3 = ZERO_VEC3  # mean of ``best`` over ``LATELY_S``, m/s^2
+    long: Vec3 = ZERO_VEC3  # mean of ``best`` over several time constants of ``down``, m/s^2
     age_s: float = 0.0  # since the low-pass began
     off: Vec3 = ZERO_VEC3  # by how much it differed from ``best``, a mean over ``USUAL_S``, m/s^2
 
@@ -106,7 +108,7 @@ def lag_square(force: Force) -> float:
 @inlined
 def long_share(k: Coefficients, age_s: float) -> float:
     """The share by which the long mean follows, ``age_s`` after the low-pass began."""
-    return k.dt_s / (min(LATELY_S, age_s) + k.dt_s)
+    return max(k.gravity_share / LONG_MEAN, k.dt_s / age_s)
 
 
 @inlined

@@ -39,7 +39,6 @@ from estimator.conditioning.field.magnetic import (
     steepness,
 )
 from estimator.conditioning.params import CONFIRM_S, QUICK_S, SPAN_S, ConditioningParams
-from estimator.conditioning.robust import REACH
 from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.bias import Estimate
 from estimator.conditioning.vertical.gravity import Force
@@ -217,7 +216,7 @@ def test_without_a_field_the_force_shows_a_smaller_turn(off_deg, size, inflation
     now = watch_gravity(PARAMS, before, gravity, DT, inflation, 0.0, has_field)
     assert now.unusual_s == pytest.approx(0.48 + DT if lasts else 0.0)
     assert now.turned == (pytest.approx((off / SPAN_LEAD) ** 2) if lasts else 0.0)
-    explained = REACH**2 * (radians(5.0) ** 2 + inflation)
+    explained = 2.5**2 * (radians(5.0) ** 2 + inflation)
     assert now.unusual == (0.0 if has_field else pytest.approx(max(0.0, off**2 - explained)))
 
 
