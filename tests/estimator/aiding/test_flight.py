@@ -131,6 +131,16 @@ def test_an_unsensed_turn_is_recovered_from(axis, left_deg):
     assert errors[750:, TOTAL].max() == pytest.approx(left_deg, rel=0.2)
 
 
+def test_an_unsensed_turn_that_the_vertical_shows_makes_the_heading_as_unsure():
+    flight, kicked = banked_flight(seconds=10.0, bank_rad=0.0), north_known()
+    kick = exp((1.0, 0.0, 0.5))
+    attitudes = flown(kicked, flight, after=lambda k: kicked.turn(kick) if k == 250 else None)
+    sigma = np.array([degrees(a.sigma_heading_rad) for a in attitudes])
+    off, late = errors_deg(flight, attitudes)[:, HEADING], slice(300, 400)
+    assert off[late].max() > 17.0  # measured 17.3; sigma is 8.4 by the heading alone
+    assert np.all(off[late] < sigma[late])
+
+
 def test_sigma_covers_most_errors(flight):
     attitudes = flown(north_known(), flight)
     errors = errors_deg(flight, attitudes, START_S)
