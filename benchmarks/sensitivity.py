@@ -5,9 +5,10 @@
 Each number of conditioning and aiding that is not 0 is multiplied by 0.7 and by 1.4. A row a
 change: the largest change of a set's mean error (percent of it, at least 0.3 deg), the largest
 change of its share under sigma, and the sets on which they are. Sets are the folders' recordings as
-they are and with each fault, and simulated flights at 50 and at 4 Hz, with velocity and without,
-and with each of their faults. A change that a bound refuses has none. The last row counts the
-numbers that move no error by 1 % and no share by 0.02.
+they are, with the gyroscope cut, with passing magnets, and turned unseen in the middle; and flights
+in simulation: sound ones and at 4 Hz, each with velocity, without, and turned unseen at a minute,
+with a bad compass, and with satellites lost or wrong. A change that a bound refuses has none. The
+last row counts the numbers that move no error by 1 % and no share by 0.02.
 """
 
 from argparse import Namespace
@@ -46,7 +47,7 @@ SHARES = ("under sigma", "under sigma in motion", "under sigma at rest")
 
 Changes = dict[str, Any]
 Score = Callable[[Changes], Row]
-Way = Callable[[Filter, Trial], Output]
+Runner = Callable[[Filter, Trial], Output]
 SETS: dict[str, Score] = {}  # of a process
 
 
@@ -89,7 +90,7 @@ def turned_unseen(events: Events) -> Events:
     return changed(events, turn)
 
 
-def on_trials(trials: list[Trial], run: Way, changes: Changes) -> Row:
+def on_trials(trials: list[Trial], run: Runner, changes: Changes) -> Row:
     """Mean scores on recordings with a changed profile."""
     return mean_of([score_trial(each, *run(fuzzbee(changes), each)) for each in trials])
 

@@ -221,7 +221,7 @@ class Estimator:
         published = state.published
         if published is None or published[0] != time_us:
             published = state.ready().publish(time_us)
-        # an Attitude's own constructor takes three times as long
+        # in the order of its fields; an Attitude's own constructor takes three times as long
         attitude: Attitude = _new(Attitude, (*published[:-1], NORTHS[published[-1]]))
         return attitude
 

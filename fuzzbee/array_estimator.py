@@ -167,7 +167,7 @@ class Estimator:
         inner = self._inner
         if (reason := inner.take(time_us, gyr, acc, mag, has_mag)) is not None:
             self._count(reason)
-            if not inner.aligned:
+            if not inner.aligned:  # a sample that was taken has aligned it
                 return None
         attitude = inner.attitude(time_us)
         w, x, y, z = attitude.q_ned_frd

@@ -13,7 +13,17 @@ import numpy as np
 
 from estimator.arrays import Floats, Times
 from estimator.live.rows import Rows
-from tuning.turning import SIZED, SLOW_S, TURNS, roots, spans_of, squares_left, usual_of
+from tuning.turning import (
+    MOST,
+    SIZED,
+    SLOW_S,
+    TURNS,
+    median,
+    roots,
+    spans_of,
+    squares_left,
+    usual_of,
+)
 
 LEAST_S = 5.0  # shorter recordings show too little
 SLOWEST_S = 2.0  # between samples: what is slower has another unit
@@ -142,7 +152,7 @@ def _swapped(rows: Rows, acc_size: float, mag_size: float) -> Iterator[str]:
     steady = np.count_nonzero((rates >= ALMOST_G[0]) & (rates <= ALMOST_G[1]))
     swapped = "{} reads {:.3g} mostly, as acc should: they may be swapped"
     if steady > EXPLAINED * len(rates):
-        yield swapped.format("gyr", usual_of(rows._replace(acc_m_s2=rows.gyr_rad_s))[1])
+        yield swapped.format("gyr", median(rates[rates < MOST]))
     if ACC_USUAL[0] <= mag_size <= ACC_USUAL[1] and MAG_USUAL[0] <= acc_size <= MAG_USUAL[1]:
         yield swapped.format("mag", mag_size)
 
@@ -151,6 +161,7 @@ def _axes(rows: Rows) -> Iterator[str]:
     """What the turning of field and force shows of the gyroscope, or of the field's axes."""
     for what, is_field in (("magnetometer", True), ("accelerometer", False)):
         spans, share = spans_of(rows, is_field)
+        # a cheap look first: other ways are tried only where much is left
         if share > EXPLAINED and (better := _better(spans, is_field=is_field)):
             yield f"gyroscope and {what} agree {better}"
             return

@@ -67,7 +67,10 @@ def _usual_step_s(times_us: Times) -> float:
 
 @compiled(types=lambda: types_of(NO_ROWS))
 def usual_of(rows: Rows) -> tuple[float, float, float, bool]:
-    """Medians of steps (s), forces, fields in any unit, 0 of none; whether forces point down."""
+    """Medians of the step (s), of force and of field, 0 of none; whether forces point down.
+
+    Force and field are in the recording's own units.
+    """
     at: Ints = np.arange(0, len(rows.times_us), max(1, len(rows.times_us) // SIZED))
     forces, fields, beyond = np.zeros(len(at)), np.zeros(len(at)), 0.0
     for m, k in enumerate(at):
@@ -107,7 +110,10 @@ def _span(rows: Rows, numbers: Ints, is_field: bool) -> tuple[Vec3, Vec3, Vec3, 
 
 @compiled(types=lambda: types_of(NO_ROWS, True))
 def spans_of(rows: Rows, is_field: bool) -> tuple[Floats, float]:
-    """Pairs of means without a gap or a spike, none of a few; what the gyroscope leaves, RMS."""
+    """Pairs of means without a gap or a spike, none of a few; what the gyroscope leaves.
+
+    That is the RMS share of the vectors' change that it does not explain as given, 0 of none.
+    """
     vectors = rows.mag_gauss if is_field else rows.acc_m_s2
     known = np.flatnonzero(np.isfinite(vectors[:, 0]) & (rows.has_mag | (not is_field)))
     step_s = _usual_step_s(rows.times_us[known])

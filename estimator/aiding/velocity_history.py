@@ -17,7 +17,7 @@ from estimator.conditioning.params import LONG_S
 from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import Vec3
 
-ROWS = 32
+ROWS = 32  # with ``STEP_S`` 0.6 s
 OLDEST_S = ROWS * STEP_S  # how far back it goes at least: older reports come too late
 WIDTHS = {"time": 1, "gained": 3, "acceleration": 3}
 TIME, GAINED, ACCELERATION, COLUMNS = accumulate(WIDTHS.values(), initial=0)

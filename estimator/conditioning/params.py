@@ -25,7 +25,7 @@ SPAN_S = 1.0
 # residual of an aided heading has the same low-pass.
 CONFIRM_S = 4.0
 # Accelerations that the mean force does not average out, and slips of wheels, last for so long, s.
-# What the field does within it is the vehicle's own: a place's gradients take longer.
+# The field's calibration is high-passed with the same time. Small: noise, large: gradients count.
 ACCELERATION_LASTS_S = 3.0
 # What is compared with now, s: accelerations, a drifting field, where gravity and field stood.
 LATELY_S = 10.0

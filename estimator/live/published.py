@@ -75,7 +75,7 @@ STEADY_TURN_S = 0.1
 Motion = tuple[Quaternion, Vec3, Vec3, float, float, float]
 # Confidences of gravity and field, sigmas (rad) of inclination and heading.
 Figures = tuple[float, float, float, float]
-# The time (us) that they are for, both, and the place in ``NORTHS`` of what the heading is from.
+# Time (us), what both hold, and the place in ``NORTHS`` of what the heading is measured from.
 Published = tuple[int, *Motion, *Figures, int]
 NOTHING_PUBLISHED: Published = (-1, IDENTITY, ZERO_VEC3, ZERO_VEC3, *(0.0,) * 7, 0)
 
@@ -134,7 +134,8 @@ def aided_figures(
     sigma = aided.sigma
     wide = with_unexpected_turn(inflated(sigma, consistency), aided.correction_cusum, covariance)
     wide = with_dip_error(params, wide, aided.field, place_gauss, covariance)
-    # what has turned the vertical unseen may have turned the heading as far
+    # What has turned the vertical may have turned the heading as far. Only published: a velocity
+    # that is wrong may have done it, so that no attitude is given up for it.
     heading_rad = hypot(wide.heading_rad, sqrt(inflation(consistency.tilt)))
     return (
         confidence(sigma.inclination_rad, GRAVITY_HALF_RAD),
@@ -165,14 +166,14 @@ def widen(figures: Figures, rate_rad_s: Vec3, ahead_s: float) -> Figures:
 @inlined
 def write(row: Any, output: Published, is_aided: bool) -> None:
     """All of it as a row, in the order of the columns of :mod:`estimator.live.rows`."""
-    (_, q, rate, bias), figures, north = output[:4], output[4:11], output[11]
+    (_, q, rate, bias), numbers, north = output[:4], output[4:11], output[11]
     for i in range(4):
         row[i] = q[i]
     for i in range(3):
         row[4 + i] = rate[i]
         row[7 + i] = bias[i]
     for i in range(7):
-        row[10 + i] = figures[i]
+        row[10 + i] = numbers[i]
     row[17], row[18] = north, 1.0 if is_aided else 0.0
 
 

@@ -39,7 +39,7 @@ class JumpSigns(NamedTuple):
     usual_turning: float = 0.0  # mean square rate of the vehicle meanwhile, (rad/s)^2
     turning: float = 0.0  # mean square rate of the vehicle lately, (rad/s)^2
     unseen: float = 0.0  # variance of turns missed between samples lately, rad^2
-    seen_rad: float = 0.0  # largest angle of the present jump that has inflated a variance
+    seen_rad: float = 0.0  # largest angle of the jump that has counted; pi: it is a magnet's
     age_s: float = 0.0  # since the first field
 
 

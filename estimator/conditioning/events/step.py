@@ -160,7 +160,7 @@ class TurnProof(NamedTuple):
 
     heading: bool  # the field keeps pointing elsewhere
     gravity: bool  # gravity keeps pulling far elsewhere
-    force: float  # variance (rad^2) of the turn that the force shows without a field; 0: none
+    force: float  # variance (rad^2) of the turn that the force shows where no field can; 0: none
     jump: float  # variance (rad^2) of the turn by which the field has jumped; 0: it has not
     seen_rad: float  # the part of a jump that has counted
 

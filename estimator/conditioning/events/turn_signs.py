@@ -43,7 +43,8 @@ def duration_s(holds: bool, lasted_s: float, dt_s: float) -> float:
     return lasted_s + min(dt_s, LONGEST_STEP_S) if holds else 0.0
 
 
-# The largest part of a turn by which the force of ``SPAN_S`` is ahead of the low-passed one.
+# The largest part of a turn by which the force of ``SPAN_S`` is ahead of the low-passed one,
+# with the usual ``gravity_tau_s``.
 SPAN_LEAD = largest_lead(SPAN_S, ConditioningParams().gravity_tau_s)
 # A field points to a heading given up again within this share of the angle by which it is off the
 # present one.

@@ -82,7 +82,10 @@ def largest_between(quick_s: float, slow_s: float) -> float:
 
 
 def largest_lead(mean_s: float, tau_s: float) -> float:
-    """The largest part of a step by which a mean over ``mean_s`` is ahead of :func:`low_pass`."""
+    """The largest part of a step by which a first-order low-pass is ahead of :func:`low_pass`.
+
+    It is the largest e^-x (cos x + sin x) - e^(-t/mean), with x = t/tau.
+    """
     t = np.linspace(0.0, 4.0 * tau_s, 10_000)
     x = t / tau_s
     return float(np.max(np.exp(-x) * (np.cos(x) + np.sin(x)) - np.exp(-t / mean_s)))

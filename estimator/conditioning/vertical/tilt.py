@@ -179,10 +179,10 @@ def update_tilt(
     """The variance after a step with the force ``u`` (minus it, in G), and the force's share.
 
     A scalar Kalman filter, whose P has grown by the step: K = P/(P + R), P <- (1 - K)^2 P + K^2 R.
-    R is the scatter of the force's direction, its mean square learnt from the innovations by
-    expectation (R/(P + R))^2 v^2 + P R/(P + R), plus the square of the share by which its size is
-    unusual, times 2 T/dt as accelerations last for T. Longer ones add ``slow_square`` (rad^2). The
-    share is at least ``least_share``.
+    R = r 2 T/dt, as accelerations last for T. r is the scatter of the force's direction plus the
+    square of the share by which its size is unusual. The scatter is learnt from the innovations v
+    by expectation, (r/(P + r))^2 v^2 + P r/(P + r). Longer accelerations add ``slow_square``
+    (rad^2). The share is at least ``least_share``.
     """
     p = state.variance
     size = norm(u)

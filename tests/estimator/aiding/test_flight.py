@@ -131,7 +131,7 @@ def test_an_unsensed_turn_is_recovered_from(axis, left_deg):
     assert errors[750:, TOTAL].max() == pytest.approx(left_deg, rel=0.2)
 
 
-def test_an_unsensed_turn_that_the_vertical_shows_makes_the_heading_as_unsure():
+def test_an_unsensed_turn_that_the_vertical_shows_widens_the_heading_s_sigma():
     flight, kicked = banked_flight(seconds=10.0, bank_rad=0.0), north_known()
     kick = exp((1.0, 0.0, 0.5))
     attitudes = flown(kicked, flight, after=lambda k: kicked.turn(kick) if k == 250 else None)
@@ -139,6 +139,7 @@ def test_an_unsensed_turn_that_the_vertical_shows_makes_the_heading_as_unsure():
     off, late = errors_deg(flight, attitudes)[:, HEADING], slice(300, 400)
     assert off[late].max() > 17.0  # measured 17.3; sigma is 8.4 by the heading alone
     assert np.all(off[late] < sigma[late])
+    assert sigma[late].max() == pytest.approx(76.5, rel=0.2)
 
 
 def test_sigma_covers_most_errors(flight):
