@@ -67,8 +67,8 @@ def condition(handle: Any, sample: Sample) -> Conditioned:
     Only learning steps write that: to gather a fast stream's samples takes far less time.
     """
     params, is_first = handle.params.conditioning, not handle.conditioning.started
-    # Before the first sample there was no interval; what it shows counts as one step's.
-    dt = STEP_S if is_first else max(sample.dt_s, TINY)
+    # Before the first sample there was no interval; what it shows counts as half a step's.
+    dt = 0.5 * STEP_S if is_first else max(sample.dt_s, TINY)
     before = sample.gyr_rad_s if is_first else handle.gathered.gyr_rad_s
     rate = integration_rate(before, sample.gyr_rad_s, dt, params.averaged_samples)
     if sample.between.given:
