@@ -34,7 +34,7 @@ from tests.service.flight_rig import Wire
 from tests.service.sessions import heard, plain_client, wait_for
 from tuning.flight import fly
 from tuning.online.retuner import RetunedEstimator
-from tuning.online.segment import fly_segments
+from tuning.online.segment import fly_again
 
 UNIX_US = 1_700_000_000_000_000
 BEGIN_US = 1_000_000
@@ -132,14 +132,14 @@ def test_tuning_and_retuning_repeat_the_reports(tmp_path):
         estimator.update(sample)
         output.append(estimator.attitude(sample.time_us).q_ned_frd)
     last = segments[-1]
-    repeated = fly_segments(PROFILE, (last,)).q_ned_frd
-    end = samples.index(last.samples[-1]) + 1
-    assert np.array_equal(repeated, output[end - len(last.samples) : end])
+    repeated = fly_again(PROFILE, last).q_ned_frd
+    end = int(np.searchsorted(flight.rows.times_us, last.rows.times_us[-1])) + 1
+    assert np.array_equal(repeated, output[end - len(last.rows.times_us) : end])
     others = {
         k: [call for call in calls if not isinstance(call.values[-1], HeadingSample)]
         for k, calls in last.calls.items()
     }
-    without = fly_segments(PROFILE, (last._replace(calls=others),))
+    without = fly_again(PROFILE, last._replace(calls=others))
     assert not np.array_equal(without.q_ned_frd, repeated)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
-from estimator.live.rows import rows_of
+from estimator.live.rows import cut, rows_of
 from estimator.profile import load_profile, profile_to_json
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 from tests.paper_noise import NoiseScale, samples_of, simulate_scaled
@@ -16,8 +16,9 @@ from tuning.online.segment import (
     LONGEST_GAP_S,
     SEGMENT_S,
     cost_on,
-    fly_segments,
+    fly_again,
     has_moved,
+    joined,
     noise_of,
 )
 
@@ -132,16 +133,17 @@ def segments_of(seconds, late_us=lambda _: 0):
 def test_segments_flown_again_are_what_they_were_and_come_back_from_a_wrong_start():
     """To the last bit; each has five seconds and one sample."""
     parts, output = segments_of(16.0)
-    n = len(parts[0].samples)
+    n = len(parts[0].rows.times_us)
     assert n == round(100 * SEGMENT_S) + 1
-    right = fly_segments(PAPER, (parts[1], parts[2])).q_ned_frd
+    right = fly_again(PAPER, joined(parts[1], parts[2])).q_ned_frd
     assert np.array_equal(right, output[n : 3 * n])
-    assert np.array_equal(fly_segments(PAPER, (parts[1],), most=7).q_ned_frd, output[n : n + 7])
-    wrong = fly_segments(PAPER, (parts[1],), WRONG_TURN).q_ned_frd
+    few = parts[1]._replace(rows=cut(parts[1].rows, 0, 7))
+    assert np.array_equal(fly_again(PAPER, few).q_ned_frd, output[n : n + 7])
+    wrong = fly_again(PAPER, parts[1], WRONG_TURN).q_ned_frd
     off_deg = np.degrees(batch_angle_errors(wrong, right[:n])[:, 0])
     assert 150.0 < off_deg[0] <= 170.1
     assert off_deg[-1] < 10.0
-    judged, searched = cost_on(PAPER, parts[1], parts[2]), cost_on(PAPER, parts[1])
+    judged, searched = cost_on(PAPER, parts[2], parts[1]), cost_on(PAPER, parts[1])
     assert len(judged) == len(searched) == 10  # all but the first half second
     assert not np.array_equal(judged, searched)
 

@@ -17,11 +17,12 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Floats
+from estimator.live.rows import rows_of
 from estimator.profile import Profile, merge_profile, profile_to_json
 from estimator.reasons import Reason
 from estimator.types import ImuSample
 from tuning.calls import LoggedEstimator
-from tuning.online.segment import SEGMENT_S, Segment, cost_on, has_moved, noise_of, rows_of_all
+from tuning.online.segment import SEGMENT_S, Segment, cost_on, has_moved, joined, noise_of
 from tuning.optimizers import bees
 from tuning.search import Search, SearchOptions
 from tuning.space import Parameter, Space, decode, encode
@@ -163,28 +164,31 @@ class Retuner:
         Nothing does where another profile was in force: a decision has not arrived yet.
         """
         earlier, self._last = self._last, None
-        noise = noise_of(rows_of_all((segment,)))
+        noise = noise_of(segment.rows)
         is_own = profile_to_json(segment.profile) == profile_to_json(self.profile)
         if segment.is_broken or noise is None or not is_own or not len(self._now):
             return None
         self._last = segment, noise
         if self._learnt is None:
             self._learnt = noise
-        if earlier is None or not segment.follows(earlier[0]):
+        if earlier is None or joined(earlier[0], segment).is_broken:
             return None
         has_settled = not has_moved(earlier[1], noise)
         is_due = self._is_fresh or (has_settled and has_moved(self._learnt, noise))
-        return self._consider((earlier[0], segment), noise) if self._trials or is_due else None
+        return self._consider(earlier[0], segment, noise) if self._trials or is_due else None
 
-    def _consider(self, window: tuple[Segment, Segment], noise: Floats) -> Decision | None:
+    def _consider(self, earlier: Segment, later: Segment, noise: Floats) -> Decision | None:
         """Search on the earlier segment, unless some are on trial; compare on the later."""
-        now = cost_on(self.profile, *window)
+        now = cost_on(self.profile, later, earlier)
         if now.max() > EVENT:
             return None
         if not self._trials:
             self._learnt, self._is_fresh = noise, False
-            self._trials = self._search(window[0])
-        tried = [t.with_costs(now, cost_on(self._by(t.factors), *window)) for t in self._trials]
+            self._trials = self._search(earlier)
+        tried = [
+            trial.with_costs(now, cost_on(self._by(trial.factors), later, earlier))
+            for trial in self._trials
+        ]
         won = max((t for t in tried if t.has_won), key=lambda t: t.share, default=None)
         if won is None:
             self._trials = [trial for trial in tried if trial.is_open]
@@ -206,8 +210,7 @@ class Retuner:
         first = np.array([*dict.fromkeys(known)][:FOOD_SOURCES])
         options = SearchOptions("abc", FOOD_SOURCES, CYCLES, FOOD_SOURCES * len(space), seed=0)
         search = Search(space, options, evaluate)
-        kept = self._look(search, encode(space, first), self._generator)
-        self._kept = decode(space, kept)
+        self._kept = decode(space, self._look(search, encode(space, first), self._generator))
         candidates = [Trial(search.best_values, CHANGED), *(Trial(each, BACK) for each in back)]
         return [each for each in candidates if np.any(each.factors != self._now)]
 
@@ -246,7 +249,8 @@ class RetunedEstimator(LoggedEstimator):
         if reason is None:
             self._samples.append(sample)
             if sample.time_us - self._samples[0].time_us >= 1e6 * SEGMENT_S:
-                now = self._before, self.profile, tuple(self._samples), self.calls
+                columns = map(np.array, zip(*self._samples, strict=True))
+                now = self._before, self.profile, rows_of(*columns), self.calls
                 segment = Segment(*now, self.fixed_gain)
                 self.begin_log()
                 self._on_segment(segment)
@@ -262,5 +266,5 @@ class RetunedEstimator(LoggedEstimator):
     def _decide(self, segment: Segment) -> None:
         decision = self.retuner.take(segment)
         if decision is not None:
-            self.decisions.append((segment.samples[-1].time_us, decision))
+            self.decisions.append((int(segment.rows.times_us[-1]), decision))
             self.replace_profile(self.retuner.profile)

@@ -5,7 +5,6 @@ estimate predicts half a second ahead by the gyroscope alone, and those measured
 start's mean e over the second behind it is added, as if there were one each five minutes.
 """
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -17,9 +16,9 @@ from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.quaternion import multiply
 from estimator.geometry.rotations import exp, rotate
 from estimator.live.core import Snapshot, with_attitude
-from estimator.live.rows import Rows, cut, rows_of
+from estimator.live.rows import Rows, cut
 from estimator.profile import Profile
-from estimator.types import ImuSample, Quaternion
+from estimator.types import Quaternion
 from tuning.calls import WRONG_TURN, Calls, Course, course_of, split_calls
 from tuning.prediction import heading_errors, predicted_vectors
 
@@ -41,68 +40,54 @@ CHANGED = 2.0
 class Segment(NamedTuple):
     """Some five seconds: the state before them, the profile in force, and what came in them.
 
-    ``calls[k]`` are those before sample k; ``fixed_gain`` stands in for the profile's gain.
+    ``calls[k]`` are those before row k; ``fixed_gain`` stands in for the profile's gain.
     """
 
     before: Snapshot
     profile: Profile
-    samples: tuple[ImuSample, ...]
+    rows: Rows
     calls: Calls
     fixed_gain: float | None = None
 
     @property
     def is_broken(self) -> bool:
         """Whether it began without an attitude, or there was a gap or a restart in it."""
-        gaps_us = (b.time_us - a.time_us for a, b in pairwise(self.samples))
         return (
             self.before.context.phase is Phase.EMPTY
-            or any(gap_us > 1e6 * LONGEST_GAP_S for gap_us in gaps_us)
+            or bool((np.diff(self.rows.times_us) > 1e6 * LONGEST_GAP_S).any())
             or any(call.method == "restart" for calls in self.calls.values() for call in calls)
         )
 
-    def follows(self, earlier: "Segment") -> bool:
-        """Whether nothing was left out between them."""
-        gap_us = self.samples[0].time_us - earlier.samples[-1].time_us
-        return gap_us <= 1e6 * LONGEST_GAP_S
+
+def joined(earlier: Segment, later: Segment) -> Segment:
+    """Two that follow each other as one, which begins as the first did."""
+    rows = Rows._make(map(np.concatenate, zip(earlier.rows, later.rows, strict=True)))
+    first = len(earlier.rows.times_us)
+    calls = {**earlier.calls, **{first + k: each for k, each in later.calls.items()}}
+    return earlier._replace(rows=rows, calls=calls)
 
 
-def fly_segments(
-    profile: Profile,
-    segments: tuple[Segment, ...],
-    wrong_ned: Quaternion | None = None,
-    most: int | None = None,
-) -> Course:
-    """The segments again with another profile, from the state before the first of them.
+def fly_again(profile: Profile, segment: Segment, wrong_ned: Quaternion | None = None) -> Course:
+    """The segment again with another profile, from the state before it.
 
-    With a ``wrong_ned`` turn the filter's attitude is turned by it at the beginning. At most
-    ``most`` samples.
+    With a ``wrong_ned`` turn the filter's attitude is turned by it at the beginning.
     """
-    before = segments[0].before
+    before = segment.before
     if wrong_ned is not None:
         turned = multiply(wrong_ned, before.core.filter.q_ned_frd)
         before = before._replace(core=with_attitude(before.core, turned))
-    estimator = Estimator(segments[0].profile, segments[0].fixed_gain)
+    estimator = Estimator(segment.profile, segment.fixed_gain)
     estimator.snapshot = before
     estimator.replace_profile(profile)
-    firsts = np.cumsum([0, *(len(segment.samples) for segment in segments)]).tolist()
-    pairs = zip(firsts[:-1], segments, strict=True)
-    calls = {first + k: each for first, segment in pairs for k, each in segment.calls.items()}
-    reports, others = split_calls(calls)
-    return course_of(estimator, cut(rows_of_all(segments), 0, most), others, reports=reports)
+    reports, others = split_calls(segment.calls)
+    return course_of(estimator, segment.rows, others, reports=reports)
 
 
-def rows_of_all(segments: tuple[Segment, ...]) -> Rows:
-    """Their samples as arrays."""
-    samples = [sample for segment in segments for sample in segment.samples]
-    times_us, gyr, acc, mag, has_mag = map(np.array, zip(*samples, strict=True))
-    return rows_of(times_us, gyr, acc, mag, has_mag)
-
-
-def cost_on(profile: Profile, *segments: Segment) -> Floats:
-    """The cost (B,) of each half second of the last segment, flown from the first on."""
-    rows = rows_of_all(segments)
-    flown = fly_segments(profile, segments)
-    first = sum(len(segment.samples) for segment in segments[:-1])
+def cost_on(profile: Profile, segment: Segment, earlier: Segment | None = None) -> Floats:
+    """The cost (B,) of each half second of a segment, flown from an earlier one on if there is."""
+    whole = segment if earlier is None else joined(earlier, segment)
+    rows, flown, times_us = whole.rows, fly_again(profile, whole), segment.rows.times_us
+    first = len(rows.times_us) - len(times_us)
     down, field = predicted_vectors(rows, flown.q_ned_frd, flown.bias_rad_s, first)
     off = 0.5 * (1.0 - down[:, 2])
     # of the field that it keeps its azimuth: a magnet turns it as a whole
@@ -112,10 +97,9 @@ def cost_on(profile: Profile, *segments: Segment) -> Floats:
     block = (1e-6 * (rows.times_us[known] - rows.times_us[0]) / BLOCK_S).astype(int)
     found = [float(off[known][block == b].mean()) for b in np.unique(block)]
     # e between an estimate that begins 170 deg off and one that does not, over a second
-    last = segments[-1]
-    end_us = last.samples[0].time_us + 1e6 * PULL_IN_S
-    count = max(1, sum(sample.time_us <= end_us for sample in last.samples))
-    both = (fly_segments(profile, (last,), turn, count) for turn in (WRONG_TURN, None))
+    count = max(1, int(np.sum(times_us <= times_us[0] + 1e6 * PULL_IN_S)))
+    begin = segment._replace(rows=cut(segment.rows, 0, count))
+    both = (fly_again(profile, begin, turn) for turn in (WRONG_TURN, None))
     angles = batch_angle_errors(*(each.q_ned_frd for each in both))[:, 0]
     pull_in = float(np.mean(np.sin(0.5 * angles) ** 2))
     return np.array(found or [0.0]) + PULL_IN_WEIGHT * pull_in
