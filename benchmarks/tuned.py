@@ -73,7 +73,7 @@ def tuned(searched: Flight, held_out: Flight, options: SearchOptions) -> tuple[P
     run_search(search, encode(task.space, values_of(task.space, BASE)))
     found = profile_with(task.space, BASE, search.best_values)
     before, after = ([measure(p, each) for each in task.held_out] for p in (BASE, found))
-    scores = (task.score(profile).held_out for profile in (BASE, found))
+    scores = (task.score(profile)["held_out"] for profile in (BASE, found))
     return found, has_gained(*scores, harm(before, after))
 
 

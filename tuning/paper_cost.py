@@ -5,6 +5,7 @@ computes several at once. What differs from the live filter is the turn's expone
 branch, and that the angle between both reference vectors is taken once.
 """
 
+from functools import cache
 from math import factorial
 from typing import NamedTuple
 
@@ -54,14 +55,6 @@ SINE = tuple((-1) ** n / factorial(2 * n + 1) for n in range(ALL))
 with_gamma = replacer(FilterParams, "gamma")
 
 
-class Base(NamedTuple):
-    """What all candidates share."""
-
-    params: FilterParams
-    reference: ReferenceParams
-    start: FilterState
-
-
 class Signals(NamedTuple):
     """The paper's signals with the noise of S seeds, and the truth (S, 1401, 4).
 
@@ -98,6 +91,7 @@ class Step(NamedTuple):
     is_slow: bool
 
 
+@cache
 def paper_signals(seeds: tuple[int, ...]) -> Signals:
     """The signals up to the last sample that counts."""
     runs = [simulate(seed, COST_SAMPLES) for seed in seeds]
@@ -108,8 +102,14 @@ def paper_signals(seeds: tuple[int, ...]) -> Signals:
     return Signals(gyr, unit(mag), unit(-acc), q)
 
 
-@compiled(types=lambda: types_of(Base(*kernel.paper_arguments()), np.zeros((1, 24)), EXAMPLE))
-def costs(base: Base, candidates: Floats, signals: Signals) -> Floats:
+@compiled(types=lambda: types_of(*kernel.paper_arguments(), np.zeros((1, 24)), EXAMPLE))
+def costs(
+    params: FilterParams,
+    reference: ReferenceParams,
+    start: FilterState,
+    candidates: Floats,
+    signals: Signals,
+) -> Floats:
     """J (C, S) of Eq. (15), "Cost_function", of k1..k22, gamma, tau (C, 24) on every seed.
 
     Both vectors need a confidence above zero.
@@ -118,31 +118,32 @@ def costs(base: Base, candidates: Floats, signals: Signals) -> Floats:
     lanes = np.empty((ROWS, LANES))
     for first in range(0, len(candidates), LANES):
         for j in range(LANES):
-            for i in range(Q):
-                lanes[i, j] = candidates[min(first + j, len(candidates) - 1), i]
+            lanes[:Q, j] = candidates[min(first + j, len(candidates) - 1)]
         for seed in range(len(signals.gravity)):
             lanes[Q:] = 0.0
             for i in range(4):
-                lanes[Q + i] = base.start.q_ned_frd[i]
+                lanes[Q + i] = start.q_ned_frd[i]
             for k in range(SCORED_SAMPLES):
-                step = _step(base, signals, seed, k)
+                step = _step(params, reference, signals, seed, k)
                 if step.is_slow:
-                    _compare(base.reference, step, lanes, FEW)
+                    _compare(reference, step, lanes, FEW)
                 else:
-                    _compare(base.reference, step, lanes, ALL)
-                _infer(base.params, step, lanes)
-                _correct(base.params.bias_bound_rad_s, lanes)
+                    _compare(reference, step, lanes, ALL)
+                _infer(params, step, lanes)
+                _correct(params.bias_bound_rad_s, lanes)
             for j in range(min(LANES, len(candidates) - first)):
                 found[first + j, seed] = lanes[TOTAL, j]
     return found
 
 
 @inlined
-def _step(base: Base, signals: Signals, seed: int, k: int) -> Step:
-    s1, s2, s3 = base.reference.s_magnetic, base.reference.s_gravity, base.reference.s_cross
+def _step(
+    params: FilterParams, reference: ReferenceParams, signals: Signals, seed: int, k: int
+) -> Step:
+    s1, s2, s3 = reference.s_magnetic, reference.s_gravity, reference.s_cross
     v1, v2 = _vector(signals.magnetic[seed, k]), _vector(signals.gravity[seed, k])
     gyr = _vector(signals.gyr_rad_s[seed, k])
-    across, apart = cross(v1, v2), cross(base.reference.magnetic_ned, base.reference.gravity_ned)
+    across, apart = cross(v1, v2), cross(reference.magnetic_ned, reference.gravity_ned)
     inverse, q = inverse_root(dot(across, across)), signals.q_ned_frd[seed, k]
     return Step(
         gyr_rad_s=gyr,
@@ -151,12 +152,12 @@ def _step(base: Base, signals: Signals, seed: int, k: int) -> Step:
         truth=(q[0], q[1], q[2], q[3]),
         weight=WEIGHT if k < TRANSIENT_STOP else 1.0 if k >= STEADY_START else 0.0,
         turned_s=DT_S if k > 0 else 0.0,
-        corrected_s=DT_S if k > 0 else base.params.first_step_s,
+        corrected_s=DT_S if k > 0 else params.first_step_s,
         across=across,
         inverse=inverse,
         share=inverse * inverse_root(dot(apart, apart)),
         fastest=kernel.largest_rate(dot(v1, v2), s1, s2, s3),
-        is_slow=norm(gyr) + 2.0 * base.params.bias_bound_rad_s < SLOW_RAD_S,
+        is_slow=norm(gyr) + 2.0 * params.bias_bound_rad_s < SLOW_RAD_S,
     )
 
 

@@ -8,7 +8,8 @@ from drivers.simulation.simulated_vehicle import Recording, simulate
 from estimator.arrays import Floats, writable
 from estimator.errors import InputError
 from estimator.filter import kernel
-from estimator.filter.types import FilterState
+from estimator.filter.observation import ReferenceParams
+from estimator.filter.types import FilterParams, FilterState
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, paper_cost
 from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import Settings, settings_of
@@ -31,11 +32,15 @@ class ExperimentResult(NamedTuple):
     gains: Floats  # K (1501,)
 
 
+def begun(settings: Settings) -> tuple[FilterParams, ReferenceParams, FilterState]:
+    """What a run of the filter begins with: its first attitude is the settings'."""
+    return settings.filter, settings.reference, FilterState(settings.initial or IDENTITY)
+
+
 def filtered(settings: Settings, signals: Recording) -> tuple[Floats, Floats]:
-    """The attitudes before each correction (N, 4) and K (N,), from the settings' first attitude."""
-    chosen = settings.filter, settings.reference, FilterState(settings.initial or IDENTITY)
+    """The attitudes before each correction (N, 4) and K (N,)."""
     gyr, acc, mag = map(writable, (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss))
-    return kernel.run(*chosen, gyr, acc, mag, 1.0 / COST_RATE_HZ)
+    return kernel.run(*begun(settings), gyr, acc, mag, 1.0 / COST_RATE_HZ)
 
 
 def paper_settings(profile: Profile, fixed_gain: float | None = None) -> Settings:

@@ -11,13 +11,11 @@ import numpy as np
 from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.filter import memberships
-from estimator.filter.types import FilterState
 from estimator.profile import Profile, Provenance, load_profile
-from estimator.types import IDENTITY
 from tuning.flight import Flight
 from tuning.flight_cost import geometric_mean, measure
-from tuning.paper_cost import LANES, Base, Signals, costs, paper_signals
-from tuning.paper_experiment import paper_settings, run_experiment
+from tuning.paper_cost import LANES, costs, paper_signals
+from tuning.paper_experiment import begun, paper_settings, run_experiment
 from tuning.recovery import recovery_cost
 from tuning.space import CONDITIONED_GROUPS, RAW_GROUPS, Space, profile_with, space_of
 
@@ -29,13 +27,6 @@ MEMBERSHIP_RATE_HZ = 10.0
 # Of one flight the later part is held out; of several every third, beginning with the second.
 LATER_PART = 0.4
 HELD_OUT = slice(1, None, 3)
-
-
-class Scores(NamedTuple):
-    """Mean costs by the live filter's kernels, on the data of the search and on held-out data."""
-
-    cost: float
-    held_out: float
 
 
 class Goal(NamedTuple):
@@ -119,9 +110,10 @@ class Task:
         """Candidates (C, D) as parts for processes."""
         return np.array_split(values, -(-len(values) // self.batch))
 
-    def score(self, profile: Profile) -> Scores:
-        """The costs of a profile, on what is searched on and on what is held out."""
-        return Scores(*(self.cost(profile, on) for on in (self.searched, self.held_out)))
+    def score(self, profile: Profile) -> dict[str, float]:
+        """The costs of a profile on what is searched on, and on what is held out, as JSON."""
+        parts = {"cost": self.searched, "held_out": self.held_out}
+        return {name: self.cost(profile, on) for name, on in parts.items()}
 
 
 @dataclass(frozen=True)
@@ -143,20 +135,15 @@ class PaperTask(Task):
         paper_settings(self.base)
         super().__post_init__()
 
-    @cached_property
-    def _signals(self) -> Signals:
-        return paper_signals(self.searched)
-
     def costs(self, values: Floats) -> Floats:
         """See :class:`Task`; of a base that ignores a vector, run by run."""
         if not min(self.base.confidence.gravity, self.base.confidence.magnetic) > 0.0:
             return super().costs(values)
-        chosen = paper_settings(self.base)
-        base = Base(chosen.filter, chosen.reference, FilterState(chosen.initial or IDENTITY))
-        untuned = [*self.base.k, base.params.gamma, base.params.rate_time_constant_s]
+        params, reference, start = begun(paper_settings(self.base))
+        untuned = [*self.base.k, params.gamma, params.rate_time_constant_s]
         candidates = np.tile(untuned, (len(values), 1))
         candidates[:, [PAPER_NUMBERS.index(parameter.name) for parameter in self.space]] = values
-        found = costs(base, candidates, self._signals)
+        found = costs(params, reference, start, candidates, paper_signals(self.searched))
         # summed in their order: the same bits for any batch
         return np.asarray(np.cumsum(found, axis=1)[:, -1] / found.shape[1])
 

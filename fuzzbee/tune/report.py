@@ -40,24 +40,24 @@ def report_of(
         "parameters": [*task.groups],
         "reference": plan.reference,
         "inputs": plan.identity["inputs"],
-        "cost_before": before.cost,
-        "cost_after": after.cost,
-        "held_out_before": before.held_out,
-        "held_out_after": after.held_out,
+        "cost_before": before["cost"],
+        "cost_after": after["cost"],
+        "held_out_before": before["held_out"],
+        "held_out_after": after["held_out"],
     }
     if plan.request.is_simulated:
         return report
     both = (task.before, found)
     then, now = ([measure(p, flight) for flight in task.held_out] for p in both)
     report["objective"] = task.goal
-    report["random_search"] = None if by_chance is None else task.score(by_chance)._asdict()
+    report["random_search"] = None if by_chance is None else task.score(by_chance)
     report["held_out_flights"] = [
         {"name": flight.name, "before": was.as_json(), "after": now_is.as_json()}
         for flight, was, now_is in zip(task.held_out, then, now, strict=True)
     ]
     report["harm"] = harm(then, now) if task.goal == "flight" else None
     if task.judged_by is not None:
-        report["calibration_alone"] = task.score(task.base)._asdict()
+        report["calibration_alone"] = task.score(task.base)
     return report
 
 
