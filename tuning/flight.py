@@ -112,7 +112,7 @@ def fly(
         R, sign = sensor_axes(profile.mounting), profile.mounting.acc_sign
         as_read = rows.gyr_rad_s @ R, sign * rows.acc_m_s2 @ R, rows.mag_gauss @ R
         gyr, acc, mag = map(np.ascontiguousarray, profile.to_body_rows(*as_read))
-        rows = rows._replace(gyr_rad_s=gyr, acc_m_s2=acc, mag_gauss=mag)
+        rows = Rows(rows.times_us, gyr, acc, mag, rows.has_mag)
     return course_of(Estimator(profile), rows, flight.calls, wrong_ned_frd, flight.reports)
 
 

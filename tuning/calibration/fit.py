@@ -74,7 +74,7 @@ def fit_sensors(recordings: Sequence[Recording]) -> SensorFit:
     _, covariance = problem.step()
     sigma = np.sqrt(np.diag(covariance))
     left = (sigma / problem.prior) ** 2
-    misfits = [[each.field_misfit for each in of_one if each.has_field] for of_one in cut]
+    misfits = [[m for each in of_one if (m := each.field_misfit) is not None] for of_one in cut]
     return SensorFit(
         calibration_of(problem.prior * believed),
         {key: sigma[at].tolist() for key, at in KEYS.items()},

@@ -83,19 +83,15 @@ class Trajectory:
         self._solved = np.zeros((0, 0))
 
     @property
-    def has_field(self) -> bool:
-        """Whether a compass was read."""
-        return self.is_heard and bool(self._spans.has_field.any())
-
-    @property
     def lags_s(self) -> Floats:
         """Of velocity, accelerometer and compass, (3,)."""
         return self._own[VELOCITY_LAG:]
 
     @property
-    def field_misfit(self) -> float:
-        """Of the field, as a share of its strength."""
-        return float(self._sizes[FIELD]) / self.strength_gauss
+    def field_misfit(self) -> float | None:
+        """Of the field, as a share of its strength; None if no compass counts."""
+        is_read = self.is_heard and self._spans.has_field.any()
+        return float(self._sizes[FIELD]) / self.strength_gauss if is_read else None
 
     def leave_foreign_field(self) -> None:
         """Leave out a field that is none of the place: iron all around has turned it."""
