@@ -52,8 +52,6 @@ FLOWN_APART = 100  # between the seeds of the flight that is fitted and of that 
 BENCH_S, BENCH_HZ = 180.0, 50.0
 SENSORS, BIASES = ("gyr", "acc", "mag"), ("gyr_bias_rad_s", "acc_bias_m_s2", "mag_offset_gauss")
 Rng = np.random.Generator
-
-
 STRENGTH_UT = 45.0  # the same iron in all recordings of a sensor
 ERRORS: dict[str, Callable[[Trial, Rng], Trial]] = {
     "none": lambda trial, _: trial,
@@ -162,12 +160,10 @@ def flight_row(motion: str, seed: int) -> Row:
     case = "cabin" if motion == "car" else "sound"
 
     def spoiled(sample: ImuSample) -> ImuSample:
-        readings = (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss)
-        wrong = [
-            tuple((M @ read + b * any(read)).tolist())
-            for (M, b), read in zip(errors, readings, strict=True)
-        ]
-        return sample._replace(gyr_rad_s=wrong[0], acc_m_s2=wrong[1], mag_gauss=wrong[2])
+        time_us, *readings, has_mag = sample
+        pairs = zip(errors, readings, strict=True)
+        wrong = [tuple((M @ read + b * any(read)).tolist()) for (M, b), read in pairs]
+        return ImuSample(time_us, *wrong, has_mag)
 
     with written(case, motion, seed + FLOWN_APART) as path:
         trace = fly(changed(read(path), spoiled)).trace
@@ -186,20 +182,14 @@ def bench_row(seed: int) -> Row:
     """How many constants of a bench recording are within their sigma, without a common turn."""
     vehicle = SimulatedVehicle(seed, BENCH_HZ, "bench", bias=0.0, errors_seed=seed)
     read = [next(vehicle) for _ in range(round(BENCH_S * BENCH_HZ))]
-    gyr, acc, mag, q = (
-        np.array([getattr(each, name) for each in read])
-        for name in ("gyr_rad_s", "acc_m_s2", "mag_gauss", "q_ned_frd")
-    )
-    times_s = 1e-6 * np.array([each.time_us for each in read])
+    times_us, gyr, acc, mag, q, *_ = map(np.array, zip(*read, strict=True))
     has_mag, none = np.ones(len(read), np.bool_), np.zeros((0, 3))
-    fit = fit_sensors([Recording(times_s, gyr, acc, mag, has_mag, q, none[:, 0], none)])
+    fit = fit_sensors([Recording(1e-6 * times_us, gyr, acc, mag, has_mag, q, none[:, 0], none)])
     truth: dict[str, Array] = {}
     for sensor, bias, (M, b) in zip(SENSORS, BIASES, imu_errors(seed), strict=True):
         inverse = M if sensor == "mag" else np.linalg.inv(M)  # of a compass what it reads
-        truth |= {
-            f"{sensor}_matrix": inverse - np.eye(3),
-            bias: b if sensor == "mag" else inverse @ b,
-        }
+        truth[f"{sensor}_matrix"] = inverse - np.eye(3)
+        truth[bias] = b if sensor == "mag" else inverse @ b
     row: Row = {}
     for key, at in KEYS.items():
         scales = slice(None, None, 4 if "matrix" in key else 1)

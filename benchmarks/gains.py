@@ -12,7 +12,7 @@ has half to ten times either noise and both; ``--only profiles`` tunes nothing.
 
 import sys
 from argparse import Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 from common.mekf import FILTERS, mekf_errors
@@ -56,13 +56,13 @@ def figures(e: Array, rate_hz: float) -> Row:
     }
 
 
-def score(tuned: Mapping[str, Array], on: Signals) -> list[Row]:
+def score(tuned: Mapping[str, Array], on: Signals) -> Iterator[Row]:
     """Every contender on the signals."""
     settings = settings_of(PAPER)
     fixed = [figures(kernel_errors(settings_of(PAPER, K), on), on.rate_hz) for K in FIXED_GAINS]
     best = {column: min(row[column] for row in fixed) for column in fixed[0]}
     chosen = {column: FIXED_GAINS[int(np.argmin([r[column] for r in fixed]))] for column in best}
-    rows = [{"gain": BEST, **best, "K": [float(K) for K in chosen.values()]}]
+    yield {"gain": BEST, **best, "K": [float(K) for K in chosen.values()]}
     found = {
         name: law_errors(name, values[None], settings, on)[0] for name, values in tuned.items()
     }
@@ -72,8 +72,7 @@ def score(tuned: Mapping[str, Array], on: Signals) -> list[Row]:
         row = {"gain": name, **figures(e, on.rate_hz)}
         row["ratio early"] = row["e 4..14 s"] / best["e 4..14 s"]
         row["ratio late"] = row["e 30..60 s"] / best["e 30..60 s"]
-        rows.append(row)
-    return rows
+        yield row
 
 
 def tuned_contenders(options: Namespace) -> tuple[dict[str, Array], list[Row]]:
@@ -120,7 +119,7 @@ def main(options: Namespace) -> Tables:
     for mix in (WIDE if options.mixes == "wide" else options.mixes).split(","):
         gyroscope, vectors = map(float, mix.split("x"))
         on = signals_of(options.seeds, SAMPLES, NoiseScale(gyroscope, vectors))
-        mixes[f"gyroscope's noise x{gyroscope:g}, vectors' x{vectors:g}"] = score(tuned, on)
+        mixes[f"gyroscope's noise x{gyroscope:g}, vectors' x{vectors:g}"] = [*score(tuned, on)]
     if options.plot is not None:
         draw(options.plot, points(mixes), "over the best fixed K's", is_log=True)
     tuned_on = {"tuned on the seeds 100-107": parameters} if parameters else {}

@@ -37,7 +37,7 @@ import tempfile
 import time
 import urllib.request
 from argparse import Namespace
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -107,7 +107,7 @@ def capacity(shape: Shape, begin_service: BeginService) -> Row:
     return best
 
 
-def load(shape: Shape, options: Namespace) -> list[Row]:
+def load(shape: Shape, options: Namespace) -> Iterator[Row]:
     """A row a service."""
     recorder = ("--record", options.record) if options.record else ()
     services: dict[str, BeginService | None] = {
@@ -116,12 +116,10 @@ def load(shape: Shape, options: Namespace) -> list[Row]:
     }
     chosen = list(services) if options.smoke else ["plain script" if options.plain else "fuzzbee"]
     found = capacity if options.capacity else measure
-    rows = []
     for name in chosen:
         begin = services[name]
         row = found(shape, begin) if begin else {"vehicles": f"ahrs: {MISSING}"}
-        rows.append({"service": name, **row})
-    return rows
+        yield {"service": name, **row}
 
 
 def stop(service: int, seconds: float) -> None:
@@ -264,5 +262,5 @@ def main(options: Namespace) -> Tables:
     if options.soak or options.smoke:
         found["soak"] = [soak(shape("soak", 10.0))]
     if options.smoke or not found:
-        found["load"] = load(shape("load", options.publish_rate), options)
+        found["load"] = [*load(shape("load", options.publish_rate), options)]
     return found

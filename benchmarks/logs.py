@@ -11,7 +11,7 @@ the share of errors under sigma in motion and at rest. Then medians by motion an
 """
 
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from statistics import median
 
@@ -135,17 +135,15 @@ def group(logs: Sequence[Row]) -> Row:
     return {"logs": len(logs), **medians, "worst over the accelerometer": worst}
 
 
-def groups(logs: Sequence[Row]) -> list[Row]:
+def groups(logs: Sequence[Row]) -> Iterator[Row]:
     """By motion and rate."""
-    rows = []
     for moving in (True, False):
         chosen = sorted(
             (log for log in logs if (log["moving"] >= LEAST_MOVING_SHARE) is moving),
             key=lambda log: log["Hz"],
         )
         for name, those in by(chosen, lambda log: rate_group(log["Hz"])).items():
-            rows.append({"": "moving" if moving else "at rest", "Hz": name, **group(those)})
-    return rows
+            yield {"": "moving" if moving else "at rest", "Hz": name, **group(those)}
 
 
 @benchmark(
@@ -160,4 +158,4 @@ def main(options: Namespace) -> Tables:
     logs = [row for path, trace in traces if (row := score(path, trace))]
     if not logs:
         raise SystemExit("give logs with a reference or folders of them, or --smoke")
-    return {"logs, degrees": logs, "medians": groups(logs)}
+    return {"logs, degrees": logs, "medians": [*groups(logs)]}

@@ -15,6 +15,7 @@ seed. ``--tables`` chooses; all of them take the better part of an hour, shipped
 
 import sys
 from argparse import Namespace
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -113,9 +114,8 @@ def shipped_table(options: Namespace) -> list[Row]:
     return [line(name, costs, runs["as built"]) for name, costs in runs.items()]
 
 
-def long_steps_table(options: Namespace) -> list[Row]:
+def long_steps_table(options: Namespace) -> Iterator[Row]:
     """J with e by time; what is built stands beside."""
-    rows = []
     plain, by_step = Choices(step_is_plain=True, bias_by_step=True), Choices(bias_by_step=True)
     ways = {"as built": AS_BUILT, "with K dt": plain, "with bias by dt": by_step}
     for rate_hz, gain in LONG_STEPS[:2] if options.smoke else LONG_STEPS:
@@ -123,12 +123,10 @@ def long_steps_table(options: Namespace) -> list[Row]:
         row: Row = {"Hz": rate_hz, "K": gain}
         for name, choices in ways.items():
             row[f"J {name}"] = float(run(on, choices, gain=gain).mean())
-        rows.append(row)
-    return rows
+        yield row
 
 
-def retuned_table(options: Namespace) -> list[Row]:
-    rows: list[Row] = []
+def retuned_table(options: Namespace) -> Iterator[Row]:
     tuning, judging, base = signals(options.tuning), signals(options.judging), None
     for name, (choices, rules) in list(RETUNED.items())[: 1 if options.smoke else None]:
         print(f"retuning: {name} ...", file=sys.stderr, flush=True)
@@ -139,8 +137,7 @@ def retuned_table(options: Namespace) -> list[Row]:
         best, _ = tune(MEMBERSHIP, costs, FOOD_SOURCES, options.cycles)
         found = run(judging, choices, rules, k=best[None])[0]
         base = found if base is None else base
-        rows.append(line(name, found, base))
-    return rows
+        yield line(name, found, base)
 
 
 TABLES = {"shipped": shipped_table, "long steps": long_steps_table, "retuned": retuned_table}
@@ -152,4 +149,4 @@ def main(options: Namespace) -> Tables:
     if options.smoke:
         options.tuning, options.judging, options.cycles = TUNING_SEEDS[:1], JUDGING_SEEDS[:1], 1
     paper_filter.require_equal(PAPER, fuzzy(np.array(PAPER.k)))
-    return {name: TABLES[name](options) for name in names(TABLES, options.tables)}
+    return {name: [*TABLES[name](options)] for name in names(TABLES, options.tables)}

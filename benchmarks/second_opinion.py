@@ -10,7 +10,7 @@ leave room for the difference to be seen.
 """
 
 from argparse import Namespace
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from itertools import product
 from math import radians
 from pathlib import Path
@@ -136,15 +136,14 @@ def cases(span_s: float, sizes: Iterable[float]) -> Iterable[Case]:
         yield Case(*what, share * span_s)
 
 
-def table(found: list[tuple[Case, bool, Answer]]) -> list[Row]:
+def table(found: list[tuple[Case, bool, Answer]]) -> Iterator[Row]:
     """One row for each kind of case."""
-    rows: list[Row] = []
     kinds = by(found, lambda one: (one[0].whose, one[1], *one[0][2:4], one[0].axis == 2))
     for (whose, is_fast, size, creeps, is_heading), some in sorted(kinds.items()):
         those = [each for *_, each in some]
         reported = [each for each in those if each.after_s is not None]
         named = [each.wrong for each in reported if each.wrong]
-        row: Row = {
+        yield {
             "wrong": whose,
             "rate": "10 Hz and above" if is_fast else "slower",
             "angle": "heading" if is_heading else "inclination",
@@ -159,8 +158,6 @@ def table(found: list[tuple[Case, bool, Answer]]) -> list[Row]:
             "named right": named.count(whose),
             "agreed meanwhile": sum(each.agreed for each in those),
         }
-        rows.append(row)
-    return rows
 
 
 @benchmark(option("logs", nargs="*", type=Path, default=[DATA]))
@@ -182,4 +179,4 @@ def main(options: Namespace) -> Tables:
         found += [(case, rate_hz >= FAST_HZ, answer(recording, case)) for case in faults]
     s, alarms = (sum(row[name] for row in healthy) for name in ("s", "alarms"))
     total = {"log": f"all, {s / 3600.0:.2f} h", "s": s, "alarms": alarms}
-    return {"as recorded": [*healthy, total], "with a fault": table(found)}
+    return {"as recorded": [*healthy, total], "with a fault": [*table(found)]}

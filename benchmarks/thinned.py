@@ -8,6 +8,7 @@ the median of ``--draws``.
 """
 
 from argparse import Namespace
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
@@ -23,39 +24,36 @@ SKIP_S, JITTER = 40.0, 0.15
 RATES_HZ = ((1.0, 0.0), (2.0, 0.0), (2.0, 4.0), (2.0, 10.0), (4.0, 0.0), (4.0, 10.0))
 
 
-class Schedule:
-    """Lets through the first event behind each due time."""
+def schedule(rate_hz: float, rng: np.random.Generator) -> Callable[[int], bool]:
+    """What says of a time (us) whether it is the first behind one that was due."""
+    due_us: float | None = None
 
-    def __init__(self, rate_hz: float, rng: np.random.Generator) -> None:
-        self._period_us, self._rng = 1e6 / rate_hz, rng
-        self._due_us: float | None = None
+    def lets_through(time_us: int) -> bool:
+        nonlocal due_us
+        due_us = float(time_us) if due_us is None else due_us
+        is_due = time_us >= due_us
+        while due_us <= time_us:
+            due_us += 1e6 / rate_hz * (1.0 + JITTER * float(rng.uniform(-1.0, 1.0)))
+        return is_due
 
-    def lets_through(self, time_us: int) -> bool:
-        """Whether an event of that time is kept."""
-        self._due_us = float(time_us) if self._due_us is None else self._due_us
-        if time_us < self._due_us:
-            return False
-        while self._due_us <= time_us:
-            scatter = 1.0 + JITTER * float(self._rng.uniform(-1.0, 1.0))
-            self._due_us += self._period_us * scatter
-        return True
+    return lets_through
 
 
 def thin(events: Events, imu_hz: float, attitude_hz: float, draw: int) -> Events:
     """The events that a slower link would carry."""
     rng = np.random.default_rng(500 + draw)
-    imu, rates = Schedule(imu_hz, rng), Schedule(attitude_hz or imu_hz, rng)
-    by_message: dict[str, Schedule] = {}
+    imu, rates = schedule(imu_hz, rng), schedule(attitude_hz or imu_hz, rng)
+    by_message: dict[str, Callable[[int], bool]] = {}
 
     def is_kept(event: Event) -> bool:
         match event:
             case Imu():
-                return imu.lets_through(event.sample.time_us)
+                return imu(event.sample.time_us)
             case BodyRates():
-                return attitude_hz > 0.0 and rates.lets_through(event.sample.time_us)
+                return attitude_hz > 0.0 and rates(event.sample.time_us)
             case Velocity():
-                one = by_message.setdefault(event.message, Schedule(imu_hz, rng))
-                return one.lets_through(event.sample.time_us)
+                one = by_message.setdefault(event.message, schedule(imu_hz, rng))
+                return one(event.sample.time_us)
         return True
 
     return [event for event in events if is_kept(event)]

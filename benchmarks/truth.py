@@ -83,17 +83,16 @@ def drawn_cases(count: int, seed: int, place: Place | None) -> Iterator[Case]:
         )
 
 
-def summary(rows: Sequence[Judged]) -> list[Row]:
+def summary(rows: Sequence[Judged]) -> Iterator[Row]:
     """How many cases are wrong and sure for too long, by kind of fault.
 
     ``beyond`` counts those with many errors of more than three sigma.
     """
-    by_fault: list[Row] = []
     for kind in ("none", *KINDS, "all"):
         own = [v for case, v in rows if kind in (case.fault.kind, "all")]
         beyond = [np.fmax(v.inclination.beyond_three, v.heading.beyond_three) for v in own]
         if own:
-            found = {
+            yield {
                 "fault": kind,
                 "cases": len(own),
                 "wrong and sure": sum(v.wrong_and_sure_s > LASTING_S for v in own),
@@ -101,8 +100,6 @@ def summary(rows: Sequence[Judged]) -> list[Row]:
                 "longest s": round(max(v.wrong_and_sure_s for v in own), 1),
                 "beyond": sum(bool(share > MOST_BEYOND) for share in beyond),
             }
-            by_fault.append(found)
-    return by_fault
 
 
 def _place(text: str) -> Place:
@@ -146,5 +143,5 @@ def main(options: Namespace) -> Tables:
     rows.sort(key=lambda row: (row[1].wrong_and_sure_s, row[1].flat_s), reverse=True)
     return {
         "worst first": [shown(*row) for row in rows[: options.worst]],
-        f"wrong and sure for more than {LASTING_S:g} s": summary(rows),
+        f"wrong and sure for more than {LASTING_S:g} s": [*summary(rows)],
     }

@@ -18,12 +18,12 @@ from common.recordings import Array
 from scipy.spatial.transform import Rotation
 
 from estimator.filter import kernel
-from estimator.filter.types import FilterState
 from estimator.geometry.metrics import COST_RATE_HZ, TRANSIENT_WEIGHT
 from estimator.geometry.rotations import unit
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
 from tests.paper_noise import PAPER_NOISE, NoiseScale, simulate_scaled
+from tuning.paper_experiment import begun
 
 SIGNED, RECTIFIED, UNFILTERED, NO_RATE = "signed", "rectified", "unfiltered", "none"
 PLAIN_STEP_LIMIT, STEP_TOLERANCE = 1.6, 1.1  # of K lambda dt, and of the longest plain step
@@ -69,10 +69,7 @@ def signals_of(
 ) -> Signals:
     """The signals of some seeds, their noise scaled."""
     runs = [simulate_scaled(seed, samples, noise, rate_hz) for seed in seeds]
-    gyr, acc, mag = (
-        np.array([getattr(run, name) for run in runs])
-        for name in ("gyr_rad_s", "acc_m_s2", "mag_gauss")
-    )
+    gyr, acc, mag = map(np.array, zip(*(run[1:4] for run in runs), strict=True))
     return Signals(rate_hz, gyr, acc, mag, np.array([matrices(run.q_ned_frd) for run in runs]))
 
 
@@ -186,8 +183,7 @@ def kernel_errors(settings: Settings, on: Signals) -> Array:
     errors = []
     for s in range(len(on.truth)):
         readings = (on.gyr_rad_s[s], on.acc_m_s2[s], on.mag_gauss[s])
-        start = FilterState(settings.initial)
-        q, _ = kernel.run(settings.filter, settings.reference, start, *readings, 1.0 / on.rate_hz)
+        q, _ = kernel.run(*begun(settings), *readings, 1.0 / on.rate_hz)
         errors.append(0.25 * (3.0 - np.sum(matrices(q) * on.truth[s], axis=(-2, -1))))
     return np.array(errors)
 

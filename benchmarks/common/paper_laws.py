@@ -8,6 +8,7 @@ from common.recordings import Array
 
 from estimator.compilation.compiled import compiled
 from estimator.filter.fuzzy import RULES, centroid, fuzzify
+from estimator.filter.memberships import fuzzy_sets
 from tuning.optimizers import run_search
 from tuning.paper_cost import unpack
 from tuning.search import Search, SearchOptions
@@ -23,13 +24,7 @@ def fuzzy_gains(k, rules, error, rate):
     gains = np.empty(error.shape)
     for c in range(error.shape[0]):
         own = unpack(k.T, c)
-        sets = (
-            (0.0, 0.0, own[11]),
-            (own[12], own[13], own[14]),
-            (own[15], own[16], own[17]),
-            (own[18], own[19], own[20]),
-            (own[21], 100.0, 100.0),
-        )
+        sets = fuzzy_sets(own).output
         for s in range(error.shape[1]):
             e = fuzzify(own, min(max(error[c, s], 0.0), 1.0))
             d = fuzzify(own, min(abs(rate[c, s]), 1.0))

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from drivers.logs.open import SUFFIXES
 from estimator.errors import InputError
+from fuzzbee.options import seed_range
 
 T = TypeVar("T")
 Row = dict[str, Any]
@@ -36,6 +37,7 @@ def option(*names: str, **settings: Any) -> Option:
 
 
 PLOT = option("--plot", type=Path, metavar="FILE", help="a picture; needs matplotlib")
+seeds = seed_range  # as an option's type
 # Folders with recordings, which ``recordings.chosen_sets`` reads.
 FOLDERS = (
     option("folders", type=Path, nargs="*", metavar="DIR", help="with *.mat files"),
@@ -68,12 +70,6 @@ def benchmark(*options: Option) -> Callable[[Callable[[Namespace], Tables]], Cal
 def numbers(text: str) -> list[float]:
     """Numbers with commas between them, as an option's type."""
     return [float(each) for each in text.split(",") if each]
-
-
-def seeds(text: str) -> range:
-    """``A-B``, both included, or one number, as an option's type."""
-    first, _, last = text.partition("-")
-    return range(int(first), int(last or first) + 1)
 
 
 def names(known: Iterable[str], text: str) -> list[str]:

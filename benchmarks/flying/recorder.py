@@ -24,7 +24,6 @@ from estimator.geometry.frames import euler_rad
 from estimator.types import STANDARD_GRAVITY_M_S2
 
 ARMED = 0xD1  # MAV_MODE_FLAG: armed, stabilized, manual input, custom mode
-
 START_UNIX_US = 1_760_000_000_000_000
 LATITUDE_DEG, LONGITUDE_DEG, ALTITUDE_M = -35.363, 149.165, 584.0
 METRES_A_DEGREE = 111_320.0

@@ -29,7 +29,6 @@ class Flown(NamedTuple):
 
     trace: VehicleTrace
     time_s: Array
-    known: Bools
     truth: Array
     errors_deg: Array
     sigma_deg: Array  # (N, 2) inclination, heading
@@ -60,7 +59,6 @@ def fly(events: Iterable[Event], changes: dict[str, Any] | None = None) -> Flown
     return Flown(
         trace,
         1e-6 * (trace["time_us"] - trace["time_us"][0]),
-        np.isfinite(truth[:, 0]),
         truth,
         np.degrees(errors),
         np.degrees(np.stack(sigma, axis=-1)),
@@ -75,7 +73,7 @@ def score(flown: Flown, skip_s: float) -> Row:
     Raises:
         SystemExit: the flight is shorter than what is left out.
     """
-    counted = flown.known & (flown.time_s >= skip_s)
+    counted = np.isfinite(flown.truth[:, 0]) & (flown.time_s >= skip_s)
     if not counted.any():
         raise SystemExit(f"no sample with a truth after {skip_s:g} s: the flight is too short")
     errors = flown.errors_deg[counted]

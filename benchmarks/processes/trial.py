@@ -75,19 +75,13 @@ def run(
         fleet.wait()
         time.sleep(SETTLE_S)
         subscriber.communicate()
-        summary = end(service)
+        service.send_signal(signal.SIGINT)
+        assert service.stdout is not None
+        summary = json.loads(service.stdout.read())
+        service.wait()
         if fleet.returncode:
             raise SystemExit("the vehicles ended early")
         return Seen(np.load(sent), np.load(seen), summary, start_ns)
-
-
-def end(service: Process) -> dict[str, Any]:
-    """End the service; the summary that it prints."""
-    service.send_signal(signal.SIGINT)
-    assert service.stdout is not None
-    summary: dict[str, Any] = json.loads(service.stdout.read())
-    service.wait()
-    return summary
 
 
 def start(script: str, *arguments: str) -> Process:
