@@ -5,6 +5,7 @@ import math
 import os
 import socket
 import time
+from dataclasses import replace
 from operator import itemgetter
 
 import numpy as np
@@ -133,13 +134,13 @@ def test_tuning_and_retuning_repeat_the_reports(tmp_path):
         output.append(estimator.attitude(sample.time_us).q_ned_frd)
     last = segments[-1]
     repeated = fly_again(PROFILE, last).q_ned_frd
-    end = int(np.searchsorted(flight.rows.times_us, last.rows.times_us[-1])) + 1
-    assert np.array_equal(repeated, output[end - len(last.rows.times_us) : end])
+    end = samples.index(last.samples[-1]) + 1
+    assert np.array_equal(repeated, output[end - len(last.samples) : end])
     others = {
         k: [call for call in calls if not isinstance(call.values[-1], HeadingSample)]
         for k, calls in last.calls.items()
     }
-    without = fly_again(PROFILE, last._replace(calls=others))
+    without = fly_again(PROFILE, replace(last, calls=others))
     assert not np.array_equal(without.q_ned_frd, repeated)
 
 

@@ -1,11 +1,13 @@
 """Retuning while it runs: by what proof, how far, and when not; on the paper's signals, 100 Hz."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
-from estimator.live.rows import cut, rows_of
+from estimator.live.rows import rows_of
 from estimator.profile import load_profile, profile_to_json
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 from tests.paper_noise import NoiseScale, samples_of, simulate_scaled
@@ -44,8 +46,9 @@ def flown(
     is_noisy = (time_s >= CHANGE_S) & (time_s < until_s)
     scale = NoiseScale(*(np.where(is_noisy, each, 1.0) for each in (gyroscope, vectors)))
     made = simulate_scaled(seed, len(time_s), scale)
-    given = retuner.Retuner(PAPER, seed, *([] if look is None else [look]))
-    estimator = RetunedEstimator(PAPER, retuner=given) if retune else Estimator(PAPER)
+    estimator = RetunedEstimator(PAPER) if retune else Estimator(PAPER)
+    if retune:
+        estimator.retuner = retuner.Retuner(PAPER, seed, *([] if look is None else [look]))
     q = np.empty((len(time_s), 4))
     for k, sample in enumerate(changed(made, **more)):
         estimator.update(sample)
@@ -133,17 +136,17 @@ def segments_of(seconds, late_us=lambda _: 0):
 def test_segments_flown_again_are_what_they_were_and_come_back_from_a_wrong_start():
     """To the last bit; each has five seconds and one sample."""
     parts, output = segments_of(16.0)
-    n = len(parts[0].rows.times_us)
+    n = len(parts[0].samples)
     assert n == round(100 * SEGMENT_S) + 1
     right = fly_again(PAPER, joined(parts[1], parts[2])).q_ned_frd
     assert np.array_equal(right, output[n : 3 * n])
-    few = parts[1]._replace(rows=cut(parts[1].rows, 0, 7))
+    few = replace(parts[1], samples=parts[1].samples[:7])
     assert np.array_equal(fly_again(PAPER, few).q_ned_frd, output[n : n + 7])
     wrong = fly_again(PAPER, parts[1], WRONG_TURN).q_ned_frd
     off_deg = np.degrees(batch_angle_errors(wrong, right[:n])[:, 0])
     assert 150.0 < off_deg[0] <= 170.1
     assert off_deg[-1] < 10.0
-    judged, searched = cost_on(PAPER, parts[2], parts[1]), cost_on(PAPER, parts[1])
+    judged, searched = cost_on(PAPER, parts[2], joined(*parts[1:3])), cost_on(PAPER, parts[1])
     assert len(judged) == len(searched) == 10  # all but the first half second
     assert not np.array_equal(judged, searched)
 
@@ -164,7 +167,8 @@ def test_a_gap_breaks_a_segment(late_s, broken):
 def test_a_candidate_wins_beyond_chance_and_by_enough(blocks, saved, won):
     """Student's t is saved / (0.4 / sqrt(blocks)): 2.5, 1.5, 1.75, -2.5, 15 and 10; 2 is needed."""
     offs = saved + 0.4 * np.sqrt((blocks - 1) / blocks) * np.tile([-1.0, 1.0], blocks // 2)
-    tried = retuner.Trial(np.ones(2), retuner.CHANGED).with_costs(np.ones(blocks), 1.0 - offs)
+    costs = np.array([np.ones(blocks), 1.0 - offs])
+    tried = retuner.Trial(np.ones(2), retuner.CHANGED, (costs,))
     assert tried.has_won == won
 
 

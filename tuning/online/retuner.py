@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Floats
-from estimator.live.rows import rows_of
 from estimator.profile import Profile, merge_profile, profile_to_json
 from estimator.reasons import Reason
 from estimator.types import ImuSample
@@ -92,20 +91,14 @@ def space_around(base: Profile, factors: Floats) -> Space:
 class Decision(NamedTuple):
     """A change of the profile in force: what it becomes, as a partial profile, and why.
 
-    ``factors`` are what that means, by name, on the base profile's numbers; ``gain`` is the share
-    of the cost that it saved where it was judged.
+    ``gain`` is the share of the cost that it saved where it was judged, ``summary`` one line for a
+    person: by which factors the base profile's numbers are multiplied.
     """
 
     update: dict[str, dict[str, float]]
     reason: str
     gain: float
-    factors: dict[str, float]
-
-    @property
-    def summary(self) -> str:
-        """One line for a person."""
-        numbers = ", ".join(f"{name} x{factor:.2f}" for name, factor in self.factors.items())
-        return f"{numbers} ({self.reason})"
+    summary: str
 
 
 class Trial(NamedTuple):
@@ -114,10 +107,6 @@ class Trial(NamedTuple):
     factors: Floats
     reason: str
     costs: tuple[Floats, ...] = ()
-
-    def with_costs(self, old: Floats, new: Floats) -> "Trial":
-        """The trial with one more segment."""
-        return self._replace(costs=(*self.costs, np.array([old, new])))
 
     @property
     def share(self) -> float:
@@ -169,34 +158,37 @@ class Retuner:
         if segment.is_broken or noise is None or not is_own or not len(self._now):
             return None
         self._last = segment, noise
-        if self._learnt is None:
-            self._learnt = noise
-        if earlier is None or joined(earlier[0], segment).is_broken:
+        self._learnt = noise if self._learnt is None else self._learnt
+        if earlier is None or (both := joined(earlier[0], segment)).is_broken:
             return None
         has_settled = not has_moved(earlier[1], noise)
         is_due = self._is_fresh or (has_settled and has_moved(self._learnt, noise))
-        return self._consider(earlier[0], segment, noise) if self._trials or is_due else None
-
-    def _consider(self, earlier: Segment, later: Segment, noise: Floats) -> Decision | None:
-        """Search on the earlier segment, unless some are on trial; compare on the later."""
-        now = cost_on(self.profile, later, earlier)
+        if not (self._trials or is_due):
+            return None
+        now = cost_on(self.profile, segment, both)
         if now.max() > EVENT:
             return None
         if not self._trials:
             self._learnt, self._is_fresh = noise, False
-            self._trials = self._search(earlier)
-        tried = [
-            trial.with_costs(now, cost_on(self._by(trial.factors), later, earlier))
-            for trial in self._trials
-        ]
+            self._trials = self._search(earlier[0])
+        return self._judge(segment, both, now)
+
+    def _judge(self, segment: Segment, both: Segment, now: Floats) -> Decision | None:
+        """The best that has won, if any, by one more segment, which costs ``now`` as it is."""
+        tried: list[Trial] = []
+        for trial in self._trials:
+            costs = np.array([now, cost_on(self._by(trial.factors), segment, both)])
+            tried.append(trial._replace(costs=(*trial.costs, costs)))
         won = max((t for t in tried if t.has_won), key=lambda t: t.share, default=None)
         if won is None:
             self._trials = [trial for trial in tried if trial.is_open]
             return None
         self._before, self._now = self._now, won.factors
         self._trials, self._last, self._is_fresh = [], None, won.reason == CHANGED
-        factors = dict(zip(numbers_of(self._base), self._now.tolist(), strict=True))
-        return Decision(update_of(self._base, self._now), won.reason, won.share, factors)
+        factors = zip(numbers_of(self._base), self._now.tolist(), strict=True)
+        summary = ", ".join(f"{name} x{factor:.2f}" for name, factor in factors)
+        update = update_of(self._base, self._now)
+        return Decision(update, won.reason, won.share, f"{summary} ({won.reason})")
 
     def _search(self, segment: Segment) -> list[Trial]:
         """The colony's best, the base, and what was in force before."""
@@ -230,10 +222,9 @@ class RetunedEstimator(LoggedEstimator):
         profile: Profile,
         fixed_gain: float | None = None,
         on_segment: Callable[[Segment], object] | None = None,
-        retuner: Retuner | None = None,
     ) -> None:
         super().__init__(profile, fixed_gain)
-        self.retuner = Retuner(profile) if retuner is None else retuner
+        self.retuner = Retuner(profile)
         self.decisions: list[tuple[int, Decision]] = []  # with the vehicle's times, us
         self._on_segment = on_segment or self._decide
 
@@ -249,8 +240,7 @@ class RetunedEstimator(LoggedEstimator):
         if reason is None:
             self._samples.append(sample)
             if sample.time_us - self._samples[0].time_us >= 1e6 * SEGMENT_S:
-                columns = map(np.array, zip(*self._samples, strict=True))
-                now = self._before, self.profile, rows_of(*columns), self.calls
+                now = self._before, self.profile, tuple(self._samples), self.calls
                 segment = Segment(*now, self.fixed_gain)
                 self.begin_log()
                 self._on_segment(segment)
@@ -266,5 +256,5 @@ class RetunedEstimator(LoggedEstimator):
     def _decide(self, segment: Segment) -> None:
         decision = self.retuner.take(segment)
         if decision is not None:
-            self.decisions.append((int(segment.rows.times_us[-1]), decision))
+            self.decisions.append((segment.samples[-1].time_us, decision))
             self.replace_profile(self.retuner.profile)

@@ -5,7 +5,8 @@ estimate predicts half a second ahead by the gyroscope alone, and those measured
 start's mean e over the second behind it is added, as if there were one each five minutes.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -16,9 +17,9 @@ from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.quaternion import multiply
 from estimator.geometry.rotations import exp, rotate
 from estimator.live.core import Snapshot, with_attitude
-from estimator.live.rows import Rows, cut
+from estimator.live.rows import Rows, rows_of
 from estimator.profile import Profile
-from estimator.types import Quaternion
+from estimator.types import ImuSample, Quaternion
 from tuning.calls import WRONG_TURN, Calls, Course, course_of, split_calls
 from tuning.prediction import heading_errors, predicted_vectors
 
@@ -37,17 +38,23 @@ LEAST_NOISE = 1e-6
 CHANGED = 2.0
 
 
-class Segment(NamedTuple):
+@dataclass(frozen=True)
+class Segment:
     """Some five seconds: the state before them, the profile in force, and what came in them.
 
-    ``calls[k]`` are those before row k; ``fixed_gain`` stands in for the profile's gain.
+    ``calls[k]`` are those before sample k; ``fixed_gain`` stands in for the profile's gain.
     """
 
     before: Snapshot
     profile: Profile
-    rows: Rows
+    samples: tuple[ImuSample, ...]
     calls: Calls
     fixed_gain: float | None = None
+
+    @cached_property
+    def rows(self) -> Rows:
+        """The samples as arrays; who flies it makes them, and not the loop that hands it over."""
+        return rows_of(*map(np.array, zip(*self.samples, strict=True)))
 
     @property
     def is_broken(self) -> bool:
@@ -61,10 +68,9 @@ class Segment(NamedTuple):
 
 def joined(earlier: Segment, later: Segment) -> Segment:
     """Two that follow each other as one, which begins as the first did."""
-    rows = Rows._make(map(np.concatenate, zip(earlier.rows, later.rows, strict=True)))
-    first = len(earlier.rows.times_us)
+    first, samples = len(earlier.samples), earlier.samples + later.samples
     calls = {**earlier.calls, **{first + k: each for k, each in later.calls.items()}}
-    return earlier._replace(rows=rows, calls=calls)
+    return replace(earlier, samples=samples, calls=calls)
 
 
 def fly_again(profile: Profile, segment: Segment, wrong_ned: Quaternion | None = None) -> Course:
@@ -83,11 +89,11 @@ def fly_again(profile: Profile, segment: Segment, wrong_ned: Quaternion | None =
     return course_of(estimator, segment.rows, others, reports=reports)
 
 
-def cost_on(profile: Profile, segment: Segment, earlier: Segment | None = None) -> Floats:
-    """The cost (B,) of each half second of a segment, flown from an earlier one on if there is."""
-    whole = segment if earlier is None else joined(earlier, segment)
-    rows, flown, times_us = whole.rows, fly_again(profile, whole), segment.rows.times_us
-    first = len(rows.times_us) - len(times_us)
+def cost_on(profile: Profile, segment: Segment, whole: Segment | None = None) -> Floats:
+    """The cost (B,) of each half second of a segment, flown as the end of a ``whole`` if given."""
+    whole = segment if whole is None else whole
+    rows, flown = whole.rows, fly_again(profile, whole)
+    first = len(whole.samples) - len(segment.samples)
     down, field = predicted_vectors(rows, flown.q_ned_frd, flown.bias_rad_s, first)
     off = 0.5 * (1.0 - down[:, 2])
     # of the field that it keeps its azimuth: a magnet turns it as a whole
@@ -97,8 +103,9 @@ def cost_on(profile: Profile, segment: Segment, earlier: Segment | None = None) 
     block = (1e-6 * (rows.times_us[known] - rows.times_us[0]) / BLOCK_S).astype(int)
     found = [float(off[known][block == b].mean()) for b in np.unique(block)]
     # e between an estimate that begins 170 deg off and one that does not, over a second
-    count = max(1, int(np.sum(times_us <= times_us[0] + 1e6 * PULL_IN_S)))
-    begin = segment._replace(rows=cut(segment.rows, 0, count))
+    end_us = segment.samples[0].time_us + 1e6 * PULL_IN_S
+    count = max(1, sum(sample.time_us <= end_us for sample in segment.samples))
+    begin = replace(segment, samples=segment.samples[:count])
     both = (fly_again(profile, begin, turn) for turn in (WRONG_TURN, None))
     angles = batch_angle_errors(*(each.q_ned_frd for each in both))[:, 0]
     pull_in = float(np.mean(np.sin(0.5 * angles) ** 2))
