@@ -77,8 +77,8 @@ def differential_evolution(search: Search, first: Floats, generator: np.random.G
     members = search.options.food_sources
     start = np.concatenate([first[None, :], random_positions(search.space, members - 1, generator)])
     held_costs = np.full(members, np.inf)
-    begin = {"init": start, "rng": generator, "maxiter": 2 * search.options.cycles}
     whole = {"updating": "deferred", "vectorized": True, "tol": 0.0, "atol": -1.0, "polish": False}
+    whole |= {"init": start, "rng": generator, "maxiter": 2 * search.options.cycles}
 
     def costs_of_columns(x: Floats) -> Floats:
         costs = search.costs(np.ascontiguousarray(x.T))
@@ -89,8 +89,7 @@ def differential_evolution(search: Search, first: Floats, generator: np.random.G
         return costs
 
     try:
-        limits = optimize.Bounds(lower, upper)
-        optimize.differential_evolution(costs_of_columns, limits, **begin, **whole)
+        optimize.differential_evolution(costs_of_columns, optimize.Bounds(lower, upper), **whole)
     except RuntimeError as error:
         if isinstance(error.__cause__, InputError):  # SciPy takes any ValueError for its own
             raise error.__cause__ from None

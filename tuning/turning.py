@@ -176,16 +176,13 @@ def compass_turn(mag_gauss: Floats, expected_gauss: Floats) -> Floats | None:
     """
     if len(mag_gauss) < LEAST_READINGS:
         return None
-    misfits = np.array([_apart(mag_gauss, expected_gauss @ R) for R in RIGHT_ANGLED])
+    misfits = np.empty(len(RIGHT_ANGLED))  # median distances, beyond a constant offset
+    for k, R in enumerate(RIGHT_ANGLED):
+        off = mag_gauss - expected_gauss @ R
+        misfits[k] = np.median(np.linalg.norm(off - np.median(off, axis=0), axis=1))
     best, second = (int(k) for k in np.argsort(misfits)[:2])
     strength = float(np.median(np.linalg.norm(expected_gauss, axis=1)))
     is_clear = misfits[best] < CLEAR * misfits[second]
     if best == 0 or not is_clear or misfits[0] < LEAST_MISFIT * strength:
         return None
     return np.asarray(RIGHT_ANGLED[best])
-
-
-def _apart(mag: Floats, seen: Floats) -> float:
-    """Median distance between readings and what would be seen, beyond a constant offset."""
-    off = mag - seen
-    return float(np.median(np.linalg.norm(off - np.median(off, axis=0), axis=1)))

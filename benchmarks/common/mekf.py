@@ -17,6 +17,7 @@ from common.recordings import Array
 from drivers.simulation.simulated_vehicle import FIELD_GAUSS
 from estimator.live.settings import Settings
 from estimator.types import STANDARD_GRAVITY_M_S2
+from tuning.calibration.spans import cross_matrix
 from tuning.space import Space
 
 # Densities and sigmas; ``reset`` is the squared innovation over its variance, per measurement.
@@ -51,11 +52,6 @@ def mekf_errors(settings: Settings, on: Signals, candidates: Array) -> Array:
         u = u[..., 0].reshape(*shape, 6)  # both vectors as the estimate has them
         R, x, P = corrected(R, x, P, v[:, k] - u, u, p)
     return errors
-
-
-def cross_matrix(u: Array) -> Array:
-    """[u]x of vectors (..., 3): its rows are e_i x u."""
-    return np.cross(np.eye(3), u[..., None, :])
 
 
 def predicted(P: Array, turn: Array, dt: float, noise: Array) -> Array:

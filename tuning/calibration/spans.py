@@ -144,8 +144,8 @@ def times(R: Floats, v: Floats) -> Floats:
 
 
 def cross_matrix(v: Floats) -> Floats:
-    """[v]x of (K, 3), (K, 3, 3)."""
-    return np.asarray(np.cross(np.eye(3), v[:, None]))
+    """[v]x of (..., 3), (..., 3, 3)."""
+    return np.asarray(np.cross(np.eye(3), v[..., None, :]))
 
 
 def rotation(phi: Floats) -> Floats:
