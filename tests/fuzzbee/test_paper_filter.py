@@ -10,6 +10,7 @@ from drivers.simulation.simulated_vehicle import GRAVITY_NED, MAGNETIC_NED, simu
 from estimator.filter import kernel, reference
 from estimator.filter.memberships import midpoint
 from estimator.filter.types import FilterState, Vectors
+from estimator.geometry.rotations import unit
 from fuzzbee import Estimator, InputError, PaperFilter, load_profile
 from fuzzbee.attitudes import Attitudes
 
@@ -21,10 +22,6 @@ INERTIAL = np.array([MAGNETIC_NED, GRAVITY_NED])
 def signals(samples, seed=0):
     made = simulate(seed, samples)
     return made.gyr_rad_s, np.stack([made.mag_gauss, -made.acc_m_s2], axis=1), made.q_ned_frd
-
-
-def unit(vectors):
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 @pytest.mark.parametrize("gain", [None, 30.0, "noise"])
