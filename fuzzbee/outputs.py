@@ -141,15 +141,11 @@ SINKS: list[SinkEntry] = [
 
 def open_outputs(options: Any, session: "zenoh.Session | None") -> "Iterator[Sink]":
     """Open the sinks that were asked for, one after the other."""
-    asked = options.outputs
     for entry in SINKS:
-        name, (_, info) = next(iter(entry.options.items()))
-        if (
-            getattr(asked, name) != info.default
-            and (sink := entry.open(options, session)) is not None
-        ):
+        is_asked_for = opt.asked_for(options.outputs, next(iter(entry.options)))
+        if is_asked_for and (sink := entry.open(options, session)) is not None:
             yield sink
-    viewer = open_viewer(asked.view, asked.rrd, live=True)
+    viewer = open_viewer(options.outputs.view, options.outputs.rrd, live=True)
     if viewer is not None:
         yield viewer
 

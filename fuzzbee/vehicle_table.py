@@ -220,6 +220,5 @@ def _plus_minus(sigma_deg: float) -> str:
 
 def _heading(attitude: AttitudeRecord) -> str:
     """Three digits before the point; in brackets if it refers to nothing."""
-    text = f"{attitude.euler_deg[2] % 360:05.1f}"
-    text = "000.0" if text == "360.0" else text
+    text = f"{round(attitude.euler_deg[2], 1) % 360:05.1f}"
     return f"({text})" if attitude.heading_reference == "none" else text

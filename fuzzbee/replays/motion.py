@@ -41,7 +41,10 @@ def _moved(readings: Floats, first: Ints, behind: Ints) -> Bools:
     Readings (M, 2, 3) are in units of what each sensor may leave its median by. Medians take long,
     and lie between the least and the largest reading: where that decides they are not taken.
     """
-    low, high = _extremes(readings, first, behind)
+    ends = np.column_stack([first, behind]).ravel()
+    columns = np.ascontiguousarray(readings.T)  # of which each window lies in one piece
+    columns = np.pad(columns, ((0, 0), (0, 0), (0, 1)))  # where the last one ends
+    low, high = (of.reduceat(columns, ends, axis=2)[..., ::2].T for of in (np.minimum, np.maximum))
     width, bias = high - low, MOST_BIAS_RAD_S / REST_GYR_RAD_S
     least, largest = np.maximum(0.0, np.maximum(low, -high)), np.maximum(-low, high)
     moved: Bools = (0.5 * width.max(axis=2, initial=0.0) > ABOVE).any(axis=1)
@@ -54,18 +57,3 @@ def _moved(readings: Floats, first: Ints, behind: Ints) -> Bools:
         moved[k] = np.linalg.norm(window - middle, axis=2).max() >= 1.0
         moved[k] |= np.linalg.norm(middle[0]) > bias
     return moved
-
-
-def _extremes(values: Floats, first: Ints, behind: Ints) -> Floats:
-    """The least and largest (2, N, ...) of values (M, ...) in windows, by halves that overlap."""
-    low, high = values, values
-    found = np.empty((2, len(first), *values.shape[1:]))
-    length, lengths = 1, behind - first
-    while len(lengths) and length <= lengths.max():
-        rows = np.flatnonzero((lengths >= length) & (lengths < 2 * length))
-        one, other = first[rows], behind[rows] - length
-        found[:, rows] = np.minimum(low[one], low[other]), np.maximum(high[one], high[other])
-        low = np.minimum(low[:-length], low[length:])
-        high = np.maximum(high[:-length], high[length:])
-        length *= 2
-    return found

@@ -7,7 +7,7 @@ import msgspec
 from msgspec.structs import astuple
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from drivers.logs.log_file import LogFile
@@ -66,9 +66,7 @@ def print_simulation(report: schema.SimulationReport) -> None:
 
 
 def _print_grid(rows: Iterable[tuple[str, str]]) -> None:
-    grid = Table.grid(padding=(0, 2))
-    grid.add_column(style="bold")
-    grid.add_column()
+    grid = Table.grid(Column(style="bold"), Column(), padding=(0, 2))
     for name, text in rows:
         grid.add_row(name, Text(text))
     Console().print(grid)
