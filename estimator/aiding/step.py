@@ -16,9 +16,10 @@ from estimator.aiding.acceleration_tilt import (
 )
 from estimator.aiding.correction import apply_corrections, correct_last, part, prediction_at
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
+from estimator.aiding.covariance import add_turn_variance, keep_curvature
 from estimator.aiding.inertial import Prediction, judge_biases, predict_motion, watch_knocks
 from estimator.aiding.sources.field import begin_anew, forget_iron, observe_heading, with_wait
-from estimator.aiding.sources.unaided import observe_unaided
+from estimator.aiding.sources.unaided import observe_down, observe_unaided
 from estimator.aiding.sources.velocity import take_report, wait_for_reports
 from estimator.aiding.sources.wheels import (
     is_turned,
@@ -46,6 +47,7 @@ from estimator.aiding.unseen import watch_turning
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ACCELERATION_LASTS_S, CONFIRM_S, SPAN_S
 from estimator.conditioning.rate import slow_share
+from estimator.geometry.quaternion import scale, unit
 from estimator.types import Sample, Vec3
 
 with_north = replacer(StepInputs, "north")
@@ -81,10 +83,13 @@ def aid(
         tilt_error_rad = acceleration_tilt_angle(state.acceleration_tilt, is_silent, slow)
         share = 1.0 if is_silent else slow
         now, correction_cusum = level(now, correction_cusum, others, tilt_error_rad, share, dt)
+    if others.unsensed_turn > 0.0:
+        now = find_down(now, others, sample.acc_m_s2)
     before, x = known(now.covariance), np.zeros(SIZE)
     if report.given:
         agreement = take_report(params, agreement, now, dt, report, others.gravity_b, x)
     field, wheels = observe_field_and_wheels(params, state, now, sample, others, x)
+    keep_curvature(now.covariance, x)
     now = apply_corrections(now, x)
     correction_cusum = add_correction(
         correction_cusum, part(x, TURN), before, known(now.covariance)
@@ -113,6 +118,18 @@ def aid(
         bias_prior=bias_prior,
     )
     return state, now.covariance, now.velocity_history
+
+
+@inlined
+def find_down(now: Prediction, others: StepInputs, acc: Vec3) -> Prediction:
+    """After a turn that no gyroscope has shown the force ``acc`` (FRD) shows about where down is.
+
+    Reports and field find the rest, from a vertical that is no longer upside down.
+    """
+    add_turn_variance(now.covariance, others.unsensed_turn)
+    x = np.zeros(SIZE)
+    observe_down(now, unit(scale(-1.0, acc)), others.force_scatter, x)
+    return apply_corrections(now, x)
 
 
 @inlined
@@ -176,6 +193,7 @@ def take_late_report(
     now = prediction_at(state, P, velocity_history)
     x = np.zeros(SIZE)
     agreement = take_report(params, state.agreement, now, state.last.dt_s, report, gravity_b, x)
+    keep_curvature(now.covariance, x)
     acceleration_tilt = with_latest(state.acceleration_tilt, report.velocity_ned_m_s)
     correction_cusum = add_correction(
         state.correction_cusum, part(x, TURN), known(P), known(now.covariance)

@@ -15,6 +15,7 @@ from estimator.compilation.compiled import inlined, shared
 from estimator.conditioning.condition import condition
 from estimator.conditioning.params import SPAN_S, ConditioningParams
 from estimator.conditioning.rate import slow_share
+from estimator.conditioning.state import turn_unseen
 from estimator.filter import kernel
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams
@@ -113,10 +114,12 @@ def step_conditioned(handle: Any, sample: Sample, time_us: int, is_aided: bool) 
     params, dt_s = handle.params, sample.dt_s
     report, other = due_reports(handle, time_us, dt_s)
     had_heading, end = handle.seen.has_heading, TAKEN
+    before = handle.conditioning
     handle.seen = seen = condition(handle, sample)
+    unsensed_turn = turn_unseen(before, handle.conditioning, handle.gathered, sample.acc_m_s2)
     search_on(handle, sample.acc_m_s2, dt_s)
     if is_aided:
-        return step_aided(handle, handle.now, report, other)
+        return step_aided(handle, handle.now, report, other, unsensed_turn)
     state = kernel.turn_on(handle.filter, seen.turn, seen.rate_rad_s, seen.bias_rad_s)
     vectors = conditioned_vectors(params.reference, seen)
     state = kernel.correct(params.filter, state, vectors, dt_s)
@@ -130,8 +133,13 @@ def step_conditioned(handle: Any, sample: Sample, time_us: int, is_aided: bool) 
 
 
 @inlined
-def step_aided(handle: Any, now: Situation, report: Report, other: Report) -> int:
-    """The last sample with the velocity reports that belong to it, if any; what ends a run."""
+def step_aided(
+    handle: Any, now: Situation, report: Report, other: Report, unsensed_turn: float
+) -> int:
+    """The last sample with the velocity reports that belong to it, if any; what ends a run.
+
+    Field and force have shown an ``unsensed_turn`` of this variance about any axis, rad^2.
+    """
     params = handle.params
     reference = params.reference
     seen = handle.seen
@@ -142,6 +150,8 @@ def step_aided(handle: Any, now: Situation, report: Report, other: Report) -> in
         aliasing=handle.conditioning.vertical.tilt.aliasing,
         north=north,
         place_gauss=reference.place_gauss,
+        unsensed_turn=unsensed_turn,
+        force_scatter=handle.conditioning.events.gravity.force_scatter,
     )
     before = handle.aided.estimate.q_ned_frd
     aided, handle.covariance, handle.velocity_history = aid(

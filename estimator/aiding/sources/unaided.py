@@ -1,4 +1,4 @@
-"""Down by the stage without velocity, while no report comes or samples are few."""
+"""Down by the stage without velocity, while no report comes or samples are few, or by a force."""
 
 from math import atan2, hypot
 
@@ -23,19 +23,27 @@ def observe_unaided(
     share: float,
     dt: float,
 ) -> None:
-    """Two scalar updates with the ``share`` that down by the unaided stage counts.
+    """Down by the unaided stage, with the ``share`` that it counts.
+
+    This holds an attitude that velocity has lost. A long acceleration tilts it by
+    ``tilt_error_rad``, so it hardly counts in a banked turn.
+    """
+    noise = sigma_rad**2 * max(1.0, SPAN_S / dt)
+    noise = (noise + tilt_error_rad**2 * max(1.0, ACCELERATION_LASTS_S / dt)) / share
+    observe_down(now, gravity_b, noise, x)
+
+
+@inlined
+def observe_down(now: Prediction, gravity_b: Vec3, noise: float, x: Array) -> None:
+    """Two scalar updates by a measured down in FRD, each of the variance ``noise``, rad^2.
 
     R_true gravity_b = z gives turn_east = -d_north and turn_north = d_east with d = R gravity_b.
-    This holds an attitude that velocity has lost. A long acceleration tilts it by
-    ``tilt_error_rad``, so it hardly counts in a banked turn. The distance is a whole turn: upside
-    down is not level.
+    The distance is a whole turn: upside down is not level.
     """
     P = now.covariance
     d = rotate(now.estimate.q_ned_frd, gravity_b)
     level = hypot(d[0], d[1])
     turn = atan2(level, d[2]) / level if level > 0.0 else 1.0
-    noise = sigma_rad**2 * max(1.0, SPAN_S / dt)
-    noise = (noise + tilt_error_rad**2 * max(1.0, ACCELERATION_LASTS_S / dt)) / share
     h = np.zeros(SIZE)
     h[TURN + 1] = 1.0
     learn(P, x, h, -turn * d[0], noise)

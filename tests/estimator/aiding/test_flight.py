@@ -7,9 +7,10 @@ import pytest
 
 from estimator.aiding.phase import Phase
 from estimator.geometry.metrics import batch_angle_errors
-from estimator.geometry.quaternion import add, exp, norm, rotate, rotate_inverse
+from estimator.geometry.quaternion import add, exp, norm, rotate, rotate_inverse, scale, unit
 from estimator.types import VelocitySample
 from tests.flight import (
+    FIELD_NED_GAUSS,
     HEADING,
     INCLINATION,
     TOTAL,
@@ -118,28 +119,38 @@ def test_silence_of_the_reports_is_admitted(flight):
 
 
 @pytest.mark.parametrize(
-    ("axis", "left_deg"),
-    [((0.0, 0.0, 1.0), 0.131), ((1.0, 0.0, 0.0), 0.141), ((0.6, 0.0, 0.8), 0.26)],
+    ("turn_rad", "since", "left_deg"),
+    [
+        ((0.0, 0.0, 3.124), 750, 0.131),  # the field alone shows it, as a magnet would turn it
+        ((3.124, 0.0, 0.0), 300, 0.3),
+        ((1.874, 0.0, 2.499), 300, 0.3),
+        ((1.0, 0.0, 0.5), 275, 0.39),
+        ((0.35, 0.0, 0.0), 275, 0.65),
+    ],
 )
-def test_an_unsensed_turn_is_recovered_from(axis, left_deg):
-    flight = banked_flight(seconds=20.0, bank_rad=0.0)
-    kicked = north_known()
-    kick = exp(tuple(3.124 * a for a in axis))
-    attitudes = flown(kicked, flight, after=lambda k: kicked.turn(kick) if k == 250 else None)
-    errors = errors_deg(flight, attitudes)
-    assert errors[252, TOTAL] > 178.0  # measured 178.9
-    assert errors[750:, TOTAL].max() == pytest.approx(left_deg, rel=0.2)
+def test_an_unsensed_turn_is_recovered_from(turn_rad, since, left_deg):
+    errors, _ = turned_at_sample_250(turn_rad)
+    assert errors[251, TOTAL] > 0.95 * degrees(norm(turn_rad))
+    assert errors[since:, TOTAL].max() == pytest.approx(left_deg, rel=0.2)
 
 
-def test_an_unsensed_turn_that_the_vertical_shows_widens_the_heading_s_sigma():
-    flight, kicked = banked_flight(seconds=10.0, bank_rad=0.0), north_known()
-    kick = exp((1.0, 0.0, 0.5))
-    attitudes = flown(kicked, flight, after=lambda k: kicked.turn(kick) if k == 250 else None)
-    sigma = np.array([degrees(a.sigma_heading_rad) for a in attitudes])
-    off, late = errors_deg(flight, attitudes)[:, HEADING], slice(300, 400)
-    assert off[late].max() > 17.0  # measured 17.3; sigma is 8.4 by the heading alone
-    assert np.all(off[late] < sigma[late])
-    assert sigma[late].max() == pytest.approx(76.5, rel=0.2)
+def test_an_unsensed_turn_about_the_field_widens_the_heading_s_sigma():
+    """The field shows nothing of it; the force shows how far the vertical is off."""
+    errors, sigma = turned_at_sample_250(scale(1.1, unit(FIELD_NED_GAUSS)))
+    off, late = errors[:, HEADING], slice(300, 400)
+    assert off[late].max() == pytest.approx(40.0, rel=0.2)
+    assert np.all(off[late] < 3.0 * sigma[late])
+
+
+def turned_at_sample_250(turn_rad):
+    """Errors and the heading's sigma, degrees, of a level flight whose sensors miss a turn."""
+    flight, turned_one, turn = banked_flight(20.0, bank_rad=0.0), north_known(), exp(turn_rad)
+    attitudes = flown(
+        turned_one, flight, after=lambda k: turned_one.turn(turn) if k == 250 else None
+    )
+    return errors_deg(flight, attitudes), np.array(
+        [degrees(a.sigma_heading_rad) for a in attitudes]
+    )
 
 
 def test_sigma_covers_most_errors(flight):
