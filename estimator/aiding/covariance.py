@@ -5,7 +5,6 @@ import numpy as np
 from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, VELOCITY, Array
 from estimator.compilation.compiled import inlined
 from estimator.geometry.axes import axes_of
-from estimator.geometry.quaternion import HALF_TURN_VARIANCE
 from estimator.types import Quaternion, Vec3
 
 
@@ -33,26 +32,6 @@ def move_rows(P: Array, R: Array, gained: Vec3, dt: float) -> Array:
         moved[VELOCITY + 1, j] += t2 * gained[0] - t0 * gained[2]
         moved[VELOCITY + 2, j] += t0 * gained[1] - t1 * gained[0]
     return moved
-
-
-@inlined
-def add_turn_variance(P: Array, variance: float) -> None:
-    """The attitude less certain about every axis by ``variance`` (rad^2), in place.
-
-    No axis is made less certain than by half a turn.
-    """
-    for i in range(TURN, TURN + 3):
-        P[i, i] += min(variance, max(0.0, HALF_TURN_VARIANCE - P[i, i]))
-
-
-@inlined
-def keep_curvature(P: Array, x: Array) -> None:
-    """The attitude less certain by what corrections x that are linear in the turn t leave of it.
-
-    They are off by some t^2, in place.
-    """
-    square = x[TURN] ** 2 + x[TURN + 1] ** 2 + x[TURN + 2] ** 2
-    add_turn_variance(P, square * square)
 
 
 @inlined

@@ -16,7 +16,6 @@ from estimator.aiding.acceleration_tilt import (
 )
 from estimator.aiding.correction import apply_corrections, correct_last, part, prediction_at
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
-from estimator.aiding.covariance import add_turn_variance, keep_curvature
 from estimator.aiding.inertial import Prediction, judge_biases, predict_motion, watch_knocks
 from estimator.aiding.sources.field import begin_anew, forget_iron, observe_heading, with_wait
 from estimator.aiding.sources.unaided import observe_down, observe_unaided
@@ -89,7 +88,6 @@ def aid(
     if report.given:
         agreement = take_report(params, agreement, now, dt, report, others.gravity_b, x)
     field, wheels = observe_field_and_wheels(params, state, now, sample, others, x)
-    keep_curvature(now.covariance, x)
     now = apply_corrections(now, x)
     correction_cusum = add_correction(
         correction_cusum, part(x, TURN), before, known(now.covariance)
@@ -126,7 +124,8 @@ def find_down(now: Prediction, others: StepInputs, acc: Vec3) -> Prediction:
 
     Reports and field find the rest, from a vertical that is no longer upside down.
     """
-    add_turn_variance(now.covariance, others.unsensed_turn)
+    for i in range(TURN, TURN + 3):
+        now.covariance[i, i] += others.unsensed_turn
     x = np.zeros(SIZE)
     observe_down(now, unit(scale(-1.0, acc)), others.force_scatter, x)
     return apply_corrections(now, x)
@@ -193,7 +192,6 @@ def take_late_report(
     now = prediction_at(state, P, velocity_history)
     x = np.zeros(SIZE)
     agreement = take_report(params, state.agreement, now, state.last.dt_s, report, gravity_b, x)
-    keep_curvature(now.covariance, x)
     acceleration_tilt = with_latest(state.acceleration_tilt, report.velocity_ned_m_s)
     correction_cusum = add_correction(
         state.correction_cusum, part(x, TURN), known(P), known(now.covariance)

@@ -1,14 +1,10 @@
 """What the conditioning stage has learnt, and what can be done to it from outside."""
 
-from math import pi
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.axis_signs import AxisSigns
-from estimator.conditioning.events.jump_signs import turn_of
 from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.calibration import first_calibration
-from estimator.conditioning.field.magnetic import NORM_SCALE, reference_norm
 from estimator.conditioning.field.step import MagnetometerState
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
@@ -18,7 +14,7 @@ from estimator.conditioning.vertical.lowpass import Smooth
 from estimator.conditioning.vertical.step import VerticalState
 from estimator.conditioning.vertical.stillness import Stillness
 from estimator.geometry.axes import FrameAxes
-from estimator.geometry.quaternion import multiply, normalize, rotate, rotate_inverse, scale
+from estimator.geometry.quaternion import multiply, normalize, rotate_inverse
 from estimator.types import Quaternion, Vec3
 
 
@@ -38,24 +34,6 @@ class ConditioningState(NamedTuple):
     started: bool = False  # whether there has been a sample
     directions: Directions = Directions()  # for the next samples
     certainty: Certainty = Certainty()  # of these directions
-
-
-@inlined
-def turn_unseen(
-    before: ConditioningState, now: ConditioningState, gathered: Gathered, acc: Vec3
-) -> float:
-    """Variance (rad^2) about any axis of a turn that field and force have just shown in G.
-
-    Both stand still there, whatever the gyroscope has felt. The field has jumped at once, by its
-    angle alone, and with it the force ``acc`` (FRD), away from its mean of a second, by more than
-    is usual of such a mean. A magnet turns the field alone.
-    """
-    jump, usual_norm = now.events.jump, reference_norm(now.field.magnetic)
-    is_magnets = jump.seen_rad >= pi or abs(jump.quick_norm - usual_norm) >= NORM_SCALE * usual_norm
-    if is_magnets or jump.seen_rad <= before.events.jump.seen_rad:
-        return 0.0
-    off = turn_of(rotate(gathered.q_g_frd, scale(-1.0, acc)), before.vertical.gravity.force.quick)
-    return max(0.0, off * off - now.events.gravity.force_scatter)
 
 
 def initial_state(params: ConditioningParams) -> ConditioningState:

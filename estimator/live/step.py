@@ -15,7 +15,6 @@ from estimator.compilation.compiled import inlined, shared
 from estimator.conditioning.condition import condition
 from estimator.conditioning.params import SPAN_S, ConditioningParams
 from estimator.conditioning.rate import slow_share
-from estimator.conditioning.state import turn_unseen
 from estimator.filter import kernel
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams
@@ -114,9 +113,9 @@ def step_conditioned(handle: Any, sample: Sample, time_us: int, is_aided: bool) 
     params, dt_s = handle.params, sample.dt_s
     report, other = due_reports(handle, time_us, dt_s)
     had_heading, end = handle.seen.has_heading, TAKEN
-    before = handle.conditioning
     handle.seen = seen = condition(handle, sample)
-    unsensed_turn = turn_unseen(before, handle.conditioning, handle.gathered, sample.acc_m_s2)
+    has_learnt = handle.gathered.time_s == 0.0
+    unsensed_turn = handle.conditioning.events.turned if has_learnt else 0.0
     search_on(handle, sample.acc_m_s2, dt_s)
     if is_aided:
         return step_aided(handle, handle.now, report, other, unsensed_turn)

