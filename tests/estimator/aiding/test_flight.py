@@ -208,6 +208,21 @@ def test_a_magnet_beside_a_straight_flight_turns_no_heading(disturb, seconds, wo
     assert errors[:, HEADING].max() == pytest.approx(worst_deg, rel=0.2)
 
 
+def test_a_field_that_is_frozen_in_banked_turns_shows_no_unsensed_turn():
+    """It turns in the gyroscope's frame as the vehicle does, and so does the force."""
+    flight = banked_flight(seconds=45.0)
+    held = flight.samples[1350].mag_gauss
+
+    def freeze(sample, q):
+        is_frozen = 27.0 <= 1e-6 * sample.time_us < 40.0
+        return sample._replace(mag_gauss=held) if is_frozen else sample
+
+    errors = errors_deg(flight, flown(north_known(), changed(flight, freeze)), 27.0)
+    assert errors[:, TOTAL].max() == pytest.approx(
+        0.452, rel=0.2
+    )  # 13.0 if its turning is left out
+
+
 def test_a_magnet_in_a_banked_turn_is_no_reason_to_fall_back_on_the_unaided_attitude():
     flight = banked_flight(seed=3)
     one = north_known()
