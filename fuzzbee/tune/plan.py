@@ -36,51 +36,28 @@ FOR_LOGS = {
 SIMULATION_BUDGET, LOG_BUDGET = (100, 300), (10, 15)
 
 
-# A task, what its cost is measured against, inputs, and noise seeds.
-Source = tuple[tasks.Task, str, list[dict[str, str]], dict[str, str]]
+class Source(NamedTuple):
+    """What is searched on: its task, inputs, what its cost is measured against, noise seeds."""
+
+    task: tasks.Task
+    inputs: list[dict[str, str]]
+    reference: str
+    seeds: dict[str, str]
 
 
 class Plan(NamedTuple):
-    """What is searched, how, what the cost is measured against, inputs, and noise seeds."""
+    """What is searched, how, and what the cost is measured against.
+
+    ``identity`` is everything that determines the result, as plain JSON values, for the file's
+    provenance: options (what was left to a default counts as if it had been given), inputs, seeds
+    and the version.
+    """
 
     request: TuneRequest
-    options: SearchOptions
     task: tasks.Task
+    options: SearchOptions
     reference: str
-    inputs: list[dict[str, str]]
-    seeds: dict[str, str]
-
-    @property
-    def identity(self) -> dict[str, Any]:
-        """Everything that determines the result, as plain JSON values, for the file's provenance.
-
-        That is options (what was left to a default counts as if it had been given, and a base that
-        is no name by its content), inputs, seeds and the version.
-        """
-        request, search, task = self.request, self.options, self.task
-        begin, end = time_window(request.begin, request.end)
-        base = request.base or (MIDPOINT if request.is_simulated else "imu")
-        if base not in (*SHIPPED, MIDPOINT):  # a file's name does not fix its content
-            base = f"sha256:{sha256(profile_to_toml(task.before).encode()).hexdigest()}"
-        options: dict[str, Any] = {
-            "command": "tune",
-            "algorithm": search.algorithm,
-            "sources": search.food_sources,
-            "cycles": search.cycles,
-            "parameters": ",".join(task.groups),
-            "base": base,
-            "limit": search.limit if search.algorithm == "abc" else None,
-            "objective": None if request.is_simulated else task.goal,
-            "reference": request.reference,
-            "from": begin,
-            "to": end,
-        }
-        return {
-            "options": {name: value for name, value in options.items() if value is not None},
-            "inputs": self.inputs,
-            "seeds": {"search": request.seed, **self.seeds},
-            "version": __version__,
-        }
+    identity: dict[str, Any]
 
 
 def plan(request: TuneRequest) -> Plan:
@@ -90,10 +67,39 @@ def plan(request: TuneRequest) -> Plan:
         raise InputError(f"-o {output}: a folder, not a file")
     if not os.access(output.parent, os.W_OK):
         raise InputError(f"-o {output}: the folder cannot be written to")
-    task, reference, inputs, seeds = _paper(request) if request.is_simulated else _logs(request)
+    source = _paper(request) if request.is_simulated else _logs(request)
     if request.limit is None:
-        search = search._replace(limit=search.food_sources * len(task.space))
-    return Plan(request, search, task, reference, inputs, seeds)
+        search = search._replace(limit=search.food_sources * len(source.task.space))
+    identity = _identity(request, source, search)
+    return Plan(request, source.task, search, source.reference, identity)
+
+
+def _identity(request: TuneRequest, source: Source, search: SearchOptions) -> dict[str, Any]:
+    """Everything that determines the result; a base that is no name by its content."""
+    task = source.task
+    begin, end = time_window(request.begin, request.end)
+    base = request.base or (MIDPOINT if request.is_simulated else "imu")
+    if base not in (*SHIPPED, MIDPOINT):  # a file's name does not fix its content
+        base = f"sha256:{sha256(profile_to_toml(task.before).encode()).hexdigest()}"
+    options: dict[str, Any] = {
+        "command": "tune",
+        "algorithm": search.algorithm,
+        "sources": search.food_sources,
+        "cycles": search.cycles,
+        "parameters": ",".join(task.groups),
+        "base": base,
+        "limit": search.limit if search.algorithm == "abc" else None,
+        "objective": None if request.is_simulated else task.goal,
+        "reference": request.reference,
+        "from": begin,
+        "to": end,
+    }
+    return {
+        "options": {name: value for name, value in options.items() if value is not None},
+        "inputs": source.inputs,
+        "seeds": {"search": request.seed, **source.seeds},
+        "version": __version__,
+    }
 
 
 def _search_options(request: TuneRequest) -> SearchOptions:
@@ -154,7 +160,7 @@ def _paper(request: TuneRequest) -> Source:
         name: "-".join(map(str, dict.fromkeys((chosen[0], chosen[-1]))))  # of one seed itself
         for name, chosen in (("noise", noise), ("held_out", held_out))
     }
-    return task, "simulated vehicle's truth", [{"name": SIMULATION}], seeds
+    return Source(task, [{"name": SIMULATION}], "simulated vehicle's truth", seeds)
 
 
 def _seeds(option: str, text: str) -> range:
@@ -202,7 +208,7 @@ def _logs(request: TuneRequest) -> Source:
         rate = f"{flight.message} at {flight.rate_hz:.1f} Hz"
         print_line(f"{flight.name}: {rate}, reference: {reference_text(flight)}, {use}")
         inputs.append({"name": flight.name, "sha256": flight.sha256, "use": use})
-    return task, "; ".join(dict.fromkeys(map(reference_text, flights))), inputs, {}
+    return Source(task, inputs, "; ".join(dict.fromkeys(map(reference_text, flights))), {})
 
 
 def _read_flights(

@@ -39,7 +39,7 @@ def report_of(
         "algorithm": plan.options.algorithm,
         "parameters": [*task.groups],
         "reference": plan.reference,
-        "inputs": plan.inputs,
+        "inputs": plan.identity["inputs"],
         "cost_before": before["cost"],
         "cost_after": after["cost"],
         "held_out_before": before["held_out"],
