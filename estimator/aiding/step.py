@@ -46,8 +46,9 @@ from estimator.aiding.unseen import watch_turning
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ACCELERATION_LASTS_S, CONFIRM_S, SPAN_S
 from estimator.conditioning.rate import slow_share
-from estimator.geometry.quaternion import scale, unit
-from estimator.types import Sample, Vec3
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
+from estimator.geometry.quaternion import norm, rotate_inverse, scale, unit
+from estimator.types import STANDARD_GRAVITY_M_S2, Sample, Vec3
 
 with_north = replacer(StepInputs, "north")
 with_report = replacer(AidingState, "agreement", "acceleration_tilt", "correction_cusum")
@@ -83,7 +84,7 @@ def aid(
         share = 1.0 if is_silent else slow
         now, correction_cusum = level(now, correction_cusum, others, tilt_error_rad, share, dt)
     if others.unsensed_turn > 0.0:
-        now = find_down(now, others, sample.acc_m_s2)
+        now = level_by_force(now, others)
     before, x = known(now.covariance), np.zeros(SIZE)
     if report.given:
         agreement = take_report(params, agreement, now, dt, report, others.gravity_b, x)
@@ -119,15 +120,18 @@ def aid(
 
 
 @inlined
-def find_down(now: Prediction, others: StepInputs, acc: Vec3) -> Prediction:
-    """After a turn that no gyroscope has shown the force ``acc`` (FRD) shows about where down is.
+def level_by_force(now: Prediction, others: StepInputs) -> Prediction:
+    """The tilt corrected by the specific force after a turn that the gyroscope has missed.
 
-    Reports and field find the rest, from a vertical that is no longer upside down.
+    Such a correction is expected. Heading and velocity are left to field and reports.
     """
+    P, f = now.covariance, now.force_ned_m_s2
     for i in range(TURN, TURN + 3):
-        now.covariance[i, i] += others.unsensed_turn
+        P[i, i] = max(P[i, i], others.unsensed_turn)
+    size = norm(f) / STANDARD_GRAVITY_M_S2 - 1.0
+    down_b = rotate_inverse(now.estimate.q_ned_frd, unit(scale(-1.0, f)))
     x = np.zeros(SIZE)
-    observe_down(now, unit(scale(-1.0, acc)), others.force_scatter, x)
+    observe_down(now, down_b, others.force_scatter + size * size + LEAST_OFF_RAD**2, x)
     return apply_corrections(now, x)
 
 

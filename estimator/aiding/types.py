@@ -249,5 +249,5 @@ class StepInputs(NamedTuple):
     aliasing: float  # variance of the turn about both level axes that the last step missed, rad^2
     north: North
     place_gauss: Vec3 = ZERO_VEC3  # the place's field by a model, NED; zero if unknown
-    unsensed_turn: float = 0.0  # variance (rad^2) about any axis of a turn no gyroscope has shown
-    force_scatter: float = 0.0  # mean square angle (rad^2) between a force and the vertical
+    unsensed_turn: float = 0.0  # variance (rad^2) about any axis of a turn just shown; mostly 0
+    force_scatter: float = 0.0  # mean square angle (rad^2) of a second's force off the vertical

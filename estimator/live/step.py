@@ -115,7 +115,7 @@ def step_conditioned(handle: Any, sample: Sample, time_us: int, is_aided: bool) 
     had_heading, end = handle.seen.has_heading, TAKEN
     handle.seen = seen = condition(handle, sample)
     has_learnt = handle.gathered.time_s == 0.0
-    unsensed_turn = handle.conditioning.events.turned if has_learnt else 0.0
+    unsensed_turn = handle.conditioning.events.unsensed_turn if has_learnt else 0.0
     search_on(handle, sample.acc_m_s2, dt_s)
     if is_aided:
         return step_aided(handle, handle.now, report, other, unsensed_turn)

@@ -1,4 +1,4 @@
-"""Down by the stage without velocity, while no report comes or samples are few, or by a force."""
+"""A measured down: by the stage without velocity while no report comes or samples are few."""
 
 from math import atan2, hypot
 

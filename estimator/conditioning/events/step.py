@@ -40,7 +40,7 @@ from estimator.conditioning.field.magnetic import (
 )
 from estimator.conditioning.field.step import FieldStep, MagnetometerState
 from estimator.conditioning.gather import Gathered
-from estimator.conditioning.params import LONGEST_STEP_S, QUICK_S, SPAN_S, ConditioningParams
+from estimator.conditioning.params import LONGEST_STEP_S, SPAN_S, ConditioningParams
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.vertical.bias import Estimate, clip, inflate_heading
 from estimator.conditioning.vertical.gravity import with_down, with_force
@@ -48,8 +48,8 @@ from estimator.conditioning.vertical.lowpass import Smooth
 from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, weighing, with_variance
-from estimator.geometry.quaternion import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE, dot
-from estimator.types import ZERO_VEC3, Vec2, Vec3
+from estimator.geometry.quaternion import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE, dot, norm
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec2, Vec3
 
 # The share of a turn that its jump shows: of one within 0.4 s. Noise adds to either.
 SUDDEN_SHARE = 0.9
@@ -77,7 +77,7 @@ class EventsState(NamedTuple):
     jump: JumpSigns = JumpSigns()  # of the field in G
     axes: AxisSigns = AxisSigns()  # of the gyroscope's axes, by that field
     inflation: HeadingInflation = HeadingInflation()
-    turned: float = 0.0  # variance about any axis that field and force show in this step, rad^2
+    unsensed_turn: float = 0.0  # variance (rad^2) about any axis that this step has shown
 
 
 @inlined
@@ -190,21 +190,23 @@ def proof_of(
 
 
 @inlined
-def turn_shown(
+def shown_together(
     before: EventsState, now: EventsState, proof: TurnProof, mean: Gathered, quick: Vec3
 ) -> float:
-    """Variance (rad^2) about any axis of a turn that field and force have shown together.
+    """Variance (rad^2) about any axis of an unsensed turn that field and force show together.
 
-    Both stand still in G, whatever the gyroscope has felt. The field has jumped there, and the
-    force, whose mean of a second is ``quick``, is off that by more than such a mean usually is. A
-    turn leaves the angle between the two as it was; a magnet does not. A frozen field turns in G
-    as the gyroscope does, and so does a thrust.
+    In G both stand still unless the gyroscope has missed a turn, by which the field jumps and the
+    force leaves ``quick``, its mean of a second, while the angle between the two stays. Less counts
+    than such a mean is usually off, than an acceleration that changes the force's size may have
+    turned it, and than the vehicle has turned by itself in that second: a thrust turns along with
+    it in G, as a frozen field does.
     """
-    if proof.seen_rad <= before.jump.seen_rad:
+    if proof.jump <= 0.0:
         return 0.0
     off = turn_of(mean.gravity_g, quick)
     between = turn_of(mean.gravity_g, mean.field_g) - turn_of(quick, before.jump.slow)
-    usual = now.gravity.force_scatter + now.jump.turning * QUICK_S**2
+    size = norm(mean.gravity_g) / STANDARD_GRAVITY_M_S2 - 1.0
+    usual = now.gravity.force_scatter + size * size + now.jump.turning * SPAN_S**2
     return max(0.0, off * off - usual - (REACH * between) ** 2)
 
 
@@ -292,7 +294,7 @@ def learn_events(
     heading, gravity, jump, axes, inflation, _ = signs
     was_inflated, released = inflation.variance > 0.0, False
     proof = proof_of(params, signs, calibration.learnt, reference_norm(magnetic))
-    shown = turn_shown(before, signs, proof, mean, vertical.state.gravity.force.quick)
+    unsensed_turn = shown_together(before, signs, proof, mean, vertical.state.gravity.force.quick)
     now = with_estimate(vertical.state, field.estimate)
     now = react(proof, now, field.horizontal, was_inflated)
     heading_rad, estimate, tilt = now.estimate.heading_rad, now.estimate, now.inflation
@@ -329,5 +331,5 @@ def learn_events(
     return EventsStep(
         vertical=with_inflation(now, estimate, tilt),
         field=with_calibration(field.state, calibration),
-        events=EventsState(heading, gravity, jump, axes, inflation, shown),
+        events=EventsState(heading, gravity, jump, axes, inflation, unsensed_turn),
     )

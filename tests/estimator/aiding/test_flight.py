@@ -119,18 +119,20 @@ def test_silence_of_the_reports_is_admitted(flight):
 
 
 @pytest.mark.parametrize(
-    ("turn_rad", "since", "left_deg"),
+    ("turn_rad", "sigma_deg", "since", "left_deg"),
     [
-        ((0.0, 0.0, 3.124), 750, 0.131),  # the field alone shows it, as a magnet would turn it
-        ((3.124, 0.0, 0.0), 300, 0.3),
-        ((1.874, 0.0, 2.499), 300, 0.38),
-        ((1.0, 0.0, 0.5), 275, 0.39),
-        ((0.35, 0.0, 0.0), 275, 0.65),
+        # about down the field alone shows it, as it would show a magnet
+        ((0.0, 0.0, 3.124), 34.0, 750, 0.131),
+        ((3.124, 0.0, 0.0), 25.3, 300, 0.3),
+        ((1.874, 0.0, 2.499), 24.1, 300, 0.38),
+        ((1.0, 0.0, 0.5), 23.2, 275, 0.39),
+        ((0.35, 0.0, 0.0), 15.3, 275, 0.65),
     ],
 )
-def test_an_unsensed_turn_is_recovered_from(turn_rad, since, left_deg):
-    errors, _ = turned_at_sample_250(turn_rad)
+def test_an_unsensed_turn_is_recovered_from(turn_rad, sigma_deg, since, left_deg):
+    errors, sigma = turned_at_sample_250(turn_rad)
     assert errors[251, TOTAL] > 0.85 * degrees(norm(turn_rad))
+    assert sigma[255] == pytest.approx(sigma_deg, rel=0.2)  # of the heading, a tenth of a second on
     assert errors[since:, TOTAL].max() == pytest.approx(left_deg, rel=0.2)
 
 
@@ -140,17 +142,15 @@ def test_an_unsensed_turn_about_the_field_widens_the_heading_s_sigma():
     off, late = errors[:, HEADING], slice(300, 400)
     assert off[late].max() == pytest.approx(40.0, rel=0.2)
     assert np.all(off[late] < 3.0 * sigma[late])
+    assert sigma[late].max() == pytest.approx(44.5, rel=0.2)  # 7.5 before
 
 
 def turned_at_sample_250(turn_rad):
     """Errors and the heading's sigma, degrees, of a level flight whose sensors miss a turn."""
-    flight, turned_one, turn = banked_flight(20.0, bank_rad=0.0), north_known(), exp(turn_rad)
-    attitudes = flown(
-        turned_one, flight, after=lambda k: turned_one.turn(turn) if k == 250 else None
-    )
-    return errors_deg(flight, attitudes), np.array(
-        [degrees(a.sigma_heading_rad) for a in attitudes]
-    )
+    flight, one, turn = banked_flight(20.0, bank_rad=0.0), north_known(), exp(turn_rad)
+    attitudes = flown(one, flight, after=lambda k: one.turn(turn) if k == 250 else None)
+    sigma = np.array([degrees(a.sigma_heading_rad) for a in attitudes])
+    return errors_deg(flight, attitudes), sigma
 
 
 def test_sigma_covers_most_errors(flight):
