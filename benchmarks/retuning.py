@@ -77,8 +77,7 @@ def random_look(search: Search, kept: Array, generator: np.random.Generator) -> 
 
 
 def by_retuner(samples: Samples, seed: int, *how: Any) -> tuple[Array, int]:
-    estimator = RetunedEstimator(BASE)
-    estimator.retuner = Retuner(BASE, seed, *how)
+    estimator = RetunedEstimator(BASE, retuner=Retuner(BASE, seed, *how))
     return fly(estimator, samples), len(estimator.decisions)
 
 

@@ -142,8 +142,8 @@ SINKS: list[SinkEntry] = [
 def open_outputs(options: Any, session: "zenoh.Session | None") -> "Iterator[Sink]":
     """Open the sinks that were asked for, one after the other."""
     for entry in SINKS:
-        is_asked_for = opt.asked_for(options.outputs, next(iter(entry.options)))
-        if is_asked_for and (sink := entry.open(options, session)) is not None:
+        asked = opt.asked_for(options.outputs, next(iter(entry.options)))
+        if asked and (sink := entry.open(options, session)) is not None:
             yield sink
     viewer = open_viewer(options.outputs.view, options.outputs.rrd, live=True)
     if viewer is not None:

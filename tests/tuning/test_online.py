@@ -46,9 +46,8 @@ def flown(
     is_noisy = (time_s >= CHANGE_S) & (time_s < until_s)
     scale = NoiseScale(*(np.where(is_noisy, each, 1.0) for each in (gyroscope, vectors)))
     made = simulate_scaled(seed, len(time_s), scale)
-    estimator = RetunedEstimator(PAPER) if retune else Estimator(PAPER)
-    if retune:
-        estimator.retuner = retuner.Retuner(PAPER, seed, *([] if look is None else [look]))
+    given = retuner.Retuner(PAPER, seed, *([] if look is None else [look]))
+    estimator = RetunedEstimator(PAPER, retuner=given) if retune else Estimator(PAPER)
     q = np.empty((len(time_s), 4))
     for k, sample in enumerate(changed(made, **more)):
         estimator.update(sample)

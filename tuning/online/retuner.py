@@ -159,11 +159,11 @@ class Retuner:
             return None
         self._last = segment, noise
         self._learnt = noise if self._learnt is None else self._learnt
-        if earlier is None or (both := joined(earlier[0], segment)).is_broken:
+        if earlier is None:
             return None
         has_settled = not has_moved(earlier[1], noise)
         is_due = self._is_fresh or (has_settled and has_moved(self._learnt, noise))
-        if not (self._trials or is_due):
+        if not (self._trials or is_due) or (both := joined(earlier[0], segment)).is_broken:
             return None
         now = cost_on(self.profile, segment, both)
         if now.max() > EVENT:
@@ -222,9 +222,10 @@ class RetunedEstimator(LoggedEstimator):
         profile: Profile,
         fixed_gain: float | None = None,
         on_segment: Callable[[Segment], object] | None = None,
+        retuner: Retuner | None = None,
     ) -> None:
         super().__init__(profile, fixed_gain)
-        self.retuner = Retuner(profile)
+        self.retuner = Retuner(profile) if retuner is None else retuner
         self.decisions: list[tuple[int, Decision]] = []  # with the vehicle's times, us
         self._on_segment = on_segment or self._decide
 

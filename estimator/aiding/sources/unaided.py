@@ -1,4 +1,4 @@
-"""A measured down: by the stage without velocity while no report comes or samples are few."""
+"""Down by the unaided stage, or as another measurement shows it, as the aiding learns it."""
 
 from math import atan2, hypot
 

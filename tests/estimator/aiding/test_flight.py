@@ -218,9 +218,8 @@ def test_a_field_that_is_frozen_in_banked_turns_shows_no_unsensed_turn():
         return sample._replace(mag_gauss=held) if is_frozen else sample
 
     errors = errors_deg(flight, flown(north_known(), changed(flight, freeze)), 27.0)
-    assert errors[:, TOTAL].max() == pytest.approx(
-        0.452, rel=0.2
-    )  # 13.0 if its turning is left out
+    # 13.0 if the vehicle's own turning is left out
+    assert errors[:, TOTAL].max() == pytest.approx(0.452, rel=0.2)
 
 
 def test_a_magnet_in_a_banked_turn_is_no_reason_to_fall_back_on_the_unaided_attitude():
