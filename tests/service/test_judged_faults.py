@@ -135,6 +135,12 @@ def test_what_the_stream_has_beside_a_stepped_axis_is_used(beside):
     assert helped.heading.rms_deg < 8.4
 
 
+def test_an_axis_that_errs_makes_no_unsensed_turn():
+    """Field and force turn in its frame together, again and again."""
+    found = judge(Case("hover", Fault("gyroscope offset", 0, 0.5)))
+    assert found.heading.rms_deg < 5.0  # 32 if it passes for one
+
+
 SLOW_MOTIONS = ("still", "slalom 30", "accelerate and brake", "coasting turn", "climb and turn")
 FAULTS = (
     HEALTHY,
