@@ -153,29 +153,6 @@ def test_velocity_holds_the_tilt_beside_a_gyroscope_that_errs(motion, fault, mos
     assert found.wrong_and_sure_s < 2.0
 
 
-@pytest.mark.parametrize(
-    ("motion", "fault", "rate_hz", "rms_deg"),
-    [
-        ("hand", TURNED[2], 50.0, 0.76),
-        ("climb and turn", IRON, 50.0, 0.69),
-        ("vigorous tilts", Fault("magnetometer frozen"), 4.0, 1.15),
-    ],
-)
-def test_a_field_that_contradicts_an_axis_for_a_moment_moves_no_tilt(
-    motion, fault, rate_hz, rms_deg
-):
-    """The force goes along with these by chance, for less than half a second: 5 to 6 deg."""
-    found = judge(Case(motion, fault, rate_hz=rate_hz))
-    assert found.inclination.rms_deg == pytest.approx(rms_deg, rel=0.3)
-
-
-def test_a_gyroscope_that_is_right_again_is_believed_again():
-    offset = Fault("gyroscope offset", 0, 0.3, begin_s=20.0, end_s=25.0)
-    found = judge(Case("gentle tilts", offset))
-    assert found.inclination.rms_deg < 4.0
-    assert found.inclination.sigma_deg < 2.5  # 4.1 while it errs
-
-
 def test_other_rates_stand_in_before_a_bias_is_followed():
     """For a stuck axis, whose error is no bias."""
     found = judge(Case("hand", Fault("gyroscope stuck", 2), beside="attitude"))
