@@ -28,7 +28,6 @@ from estimator.aiding.sources.wheels import (
     with_shown,
 )
 from estimator.aiding.types import (
-    GYR_BIAS,
     SIZE,
     TURN,
     AidingParams,
@@ -48,7 +47,7 @@ from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ACCELERATION_LASTS_S, CONFIRM_S, SPAN_S
 from estimator.conditioning.rate import slow_share
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
-from estimator.geometry.quaternion import HALF_TURN_VARIANCE, norm, rotate_inverse, scale, unit
+from estimator.geometry.quaternion import norm, rotate_inverse, scale, unit
 from estimator.types import STANDARD_GRAVITY_M_S2, Sample, Vec3
 
 with_north = replacer(StepInputs, "north")
@@ -84,7 +83,6 @@ def aid(
         tilt_error_rad = acceleration_tilt_angle(state.acceleration_tilt, is_silent, slow)
         share = 1.0 if is_silent else slow
         now, correction_cusum = level(now, correction_cusum, others, tilt_error_rad, share, dt)
-    doubt_gyroscope(params, now.covariance, others)
     if others.unsensed_turn > 0.0:
         now = level_by_force(now, others)
     before, x = known(now.covariance), np.zeros(SIZE)
@@ -119,23 +117,6 @@ def aid(
         bias_prior=bias_prior,
     )
     return state, now.covariance, now.velocity_history
-
-
-@inlined
-def doubt_gyroscope(params: AidingParams, P: Array, others: StepInputs) -> None:
-    """Make each bias as uncertain as the error that field and force show of its axis, in place.
-
-    An error that changes is followed as a bias that does. One beyond what biases have also explains
-    what contradicts the attitude.
-    """
-    errors, (tilt, heading) = others.gyr_errors, others.contradicted
-    if max(errors[0], errors[1], errors[2]) <= params.gyr_bias_sigma**2:
-        return
-    least = (tilt, tilt, heading)
-    for k in range(3):
-        i, j = GYR_BIAS + k, TURN + k
-        P[i, i] = max(P[i, i], errors[k])
-        P[j, j] = max(P[j, j], min(least[k], HALF_TURN_VARIANCE))
 
 
 @inlined

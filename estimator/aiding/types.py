@@ -251,5 +251,3 @@ class StepInputs(NamedTuple):
     place_gauss: Vec3 = ZERO_VEC3  # the place's field by a model, NED; zero if unknown
     unsensed_turn: float = 0.0  # variance (rad^2) about any axis of a turn just shown; mostly 0
     force_scatter: float = 0.0  # mean square angle (rad^2) of a second's force off the vertical
-    gyr_errors: Vec3 = ZERO_VEC3  # squared errors of the gyroscope's axes, (rad/s)^2; mostly 0
-    contradicted: Vec2 = (0.0, 0.0)  # squares by which tilt and heading are contradicted, rad^2

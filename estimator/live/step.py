@@ -3,7 +3,7 @@
 from math import isfinite
 from typing import Any, NamedTuple
 
-from estimator.aiding.consistency import compare, compare_report, inflation, watch
+from estimator.aiding.consistency import compare, compare_report, watch
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
 from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
@@ -143,7 +143,6 @@ def step_aided(
     reference = params.reference
     seen = handle.seen
     north = horizontal_north(reference, now.knows_north)
-    consistency = handle.consistency
     others = StepInputs(
         gravity_b=seen.gravity_b,
         gravity_sigma_rad=seen.sigma_brief_rad,
@@ -152,8 +151,6 @@ def step_aided(
         place_gauss=reference.place_gauss,
         unsensed_turn=unsensed_turn,
         force_scatter=handle.conditioning.events.gravity.force_scatter,
-        gyr_errors=handle.conditioning.events.axes.errors,
-        contradicted=(inflation(consistency.tilt), inflation(consistency.heading)),
     )
     before = handle.aided.estimate.q_ned_frd
     aided, handle.covariance, handle.velocity_history = aid(
@@ -169,7 +166,7 @@ def step_aided(
     knows_north = now.knows_north or rolls(params.aiding)
     state = follow_aided(params.filter, reference, handle.filter, aided, knows_north, before)
     handle.filter, handle.smooth_error = state, state.error
-    consistency = watch(params.aiding, consistency, aided, handle.sample, report)
+    consistency = watch(params.aiding, handle.consistency, aided, handle.sample, report)
     tau_s = params.filter.rate_time_constant_s
     handle.consistency = compare(consistency, state.q_ned_frd, handle.sample.dt_s, tau_s)
     has_shown = report.given and search_by(handle, report)

@@ -9,15 +9,13 @@ That share is learnt. A field that leaps, faster than a vehicle turns, has to sh
 better or worse the force fits is the rest of the evidence.
 """
 
-from math import exp as real_exp
-from math import pi
 from typing import NamedTuple
 
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.magnetic import NORM_SCALE
-from estimator.conditioning.params import LATELY_S, LONG_S, LONGEST_STEP_S, QUICK_S, SPAN_S
+from estimator.conditioning.params import LATELY_S, LONG_S, QUICK_S, SPAN_S
 from estimator.conditioning.robust import FAR, REACH
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lowpass import approach
@@ -47,8 +45,6 @@ class AxisSigns(NamedTuple):
     age_s: float = 0.0  # since the first field
     squares: Vec3 = ZERO_VEC3  # squared error of each axis that explains the field, (rad/s)^2
     since_s: float = LATELY_S  # since any was contradicted, up to this time
-    lasted_s: float = 0.0  # for how long any has been, less for how long none has, up to SPAN_S
-    errors: Vec3 = ZERO_VEC3  # squared error of each axis once that is long enough, (rad/s)^2
 
 
 class Seen(NamedTuple):
@@ -71,10 +67,8 @@ class Suspect(NamedTuple):
 
 
 with_means = replacer(AxisSigns, "slow", "slower", "age_s")
-with_judged = replacer(
-    AxisSigns, "moves", "turns", "by_noise", "squares", "since_s", "lasted_s", "errors"
-)
-with_motion = replacer(AxisSigns, "turned", "unseen", "squares", "since_s", "errors")
+with_judged = replacer(AxisSigns, "moves", "turns", "by_noise", "squares", "since_s")
+with_motion = replacer(AxisSigns, "turned", "unseen", "squares", "since_s")
 with_leap = replacer(AxisSigns, "slow", "slower", "moves", "turns", "age_s")
 
 
@@ -85,10 +79,8 @@ def carry_axes(state: AxisSigns, vertical: VerticalStep, dt_s: float) -> AxisSig
     turn_g = scale(dt_s, to_frame(axes_of(vertical.q_g_frd), vertical.rate))
     turned = scale(keep, add(state.turned, turn_g))
     unseen = keep * keep * state.unseen + vertical.aliasing
-    fade = LATELY_S / (LATELY_S + dt_s)
-    since_s = min(state.since_s + dt_s, LATELY_S)
-    squares, errors = scale(fade, state.squares), scale(fade, state.errors)
-    return with_motion(state, turned, unseen, squares, since_s, errors)
+    squares = scale(LATELY_S / (LATELY_S + dt_s), state.squares)
+    return with_motion(state, turned, unseen, squares, min(state.since_s + dt_s, LATELY_S))
 
 
 @inlined
@@ -217,14 +209,9 @@ def judge(
         suspicion(y, cases[1], least, share),
         suspicion(z, cases[2], least, share),
     )
-    since_s, lasted_s = state.since_s, state.lasted_s if state.since_s < SPAN_S else 0.0
+    since_s = state.since_s
     if is_strong(cases[0], least) or is_strong(cases[1], least) or is_strong(cases[2], least):
-        since_s, lasted_s = 0.0, min(lasted_s + min(dt_s, LONGEST_STEP_S), SPAN_S)
-    else:
-        lasted_s = max(0.0, lasted_s - dt_s)
-    errors = state.errors
-    if since_s == 0.0 and lasted_s > QUICK_S:
-        errors = larger(errors, likely_errors(cases, most))
+        since_s = 0.0
     variance = field.by_turning + field.by_noise
     quiet = field.by_noise / variance
     learn = dt_s / (state.age_s + dt_s) * (min(ratio, 2.0) - 1.0)
@@ -239,38 +226,7 @@ def judge(
         max(1.0, state.by_noise * (1.0 + learn * quiet)),
         squares,
         since_s,
-        lasted_s,
-        errors,
     )
-
-
-@inlined
-def likely_errors(cases: tuple[Suspect, Suspect, Suspect], most: float) -> Vec3:
-    """Squared errors of the axes, (rad/s)^2, weighted by how likely each is beside the likeliest.
-
-    What a field contradicts of all three alike is the field's own.
-    """
-    x = likely_error(cases[0], most)
-    y = likely_error(cases[1], most)
-    z = likely_error(cases[2], most)
-    common = min(x, y, z)
-    return x - common, y - common, z - common
-
-
-@inlined
-def likely_error(case: Suspect, most: float) -> float:
-    """The squared error of an axis times its likelihood ratio to the one of ``most`` evidence.
-
-    The field shows hardly anything of a turn about itself: half a turn in a second is the most.
-    """
-    rate_rad_s = min(abs(case.rate_rad_s), pi / SPAN_S)
-    return real_exp(0.5 * (case.evidence - most)) * rate_rad_s * rate_rad_s
-
-
-@inlined
-def larger(u: Vec3, v: Vec3) -> Vec3:
-    """The larger of each pair of parts."""
-    return max(u[0], v[0]), max(u[1], v[1]), max(u[2], v[2])
 
 
 @inlined
