@@ -135,6 +135,22 @@ def test_what_the_stream_has_beside_a_stepped_axis_is_used(beside):
     assert helped.heading.rms_deg < 8.4
 
 
+@pytest.mark.parametrize(
+    ("motion", "fault", "rate_hz", "rms_deg"),
+    [
+        ("hand", TURNED[2], 50.0, 0.76),
+        ("climb and turn", IRON, 50.0, 0.69),
+        ("vigorous tilts", Fault("magnetometer frozen"), 4.0, 1.15),
+    ],
+)
+def test_a_field_that_contradicts_an_axis_for_a_moment_moves_no_tilt(
+    motion, fault, rate_hz, rms_deg
+):
+    """By chance the force goes along with it."""
+    found = judge(Case(motion, fault, rate_hz=rate_hz))
+    assert found.inclination.rms_deg == pytest.approx(rms_deg, rel=0.3)
+
+
 def test_an_axis_that_errs_makes_no_unsensed_turn():
     """Field and force turn in its frame together, again and again."""
     found = judge(Case("hover", Fault("gyroscope offset", 0, 0.5)))
