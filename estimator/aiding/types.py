@@ -212,6 +212,14 @@ class Wheels(NamedTuple):
     show_north: bool = False  # that the field points there, which iron may have turned
 
 
+class GyroscopeFault(NamedTuple):
+    """What field and force show of the gyroscope's axes, as far as velocity bears it out."""
+
+    innovations: Vec3 = ZERO_VEC3  # sum of the reports', NED, each in its usual sigma; fading
+    reports: float = 0.0  # how many, fading alike
+    squares: Vec3 = ZERO_VEC3  # squared errors of the axes, (rad/s)^2, fading; mostly 0
+
+
 class BiasPrior(NamedTuple):
     """Variance of an axis' bias as long as nothing has shown it."""
 
@@ -232,6 +240,7 @@ class AidingState(NamedTuple):
     correction_cusum: CorrectionCusum  # what was corrected lately
     wheels: Wheels  # what they have shown
     bias_prior: BiasPrior  # what biases may be
+    gyroscope_fault: GyroscopeFault = GyroscopeFault()
 
 
 class North(NamedTuple):
@@ -251,3 +260,4 @@ class StepInputs(NamedTuple):
     place_gauss: Vec3 = ZERO_VEC3  # the place's field by a model, NED; zero if unknown
     unsensed_turn: float = 0.0  # variance (rad^2) about any axis of a turn just shown; mostly 0
     force_scatter: float = 0.0  # mean square angle (rad^2) of a second's force off the vertical
+    gyr_errors: Vec3 = ZERO_VEC3  # of axes that field and force contradict, rad/s; mostly 0

@@ -35,7 +35,7 @@ from estimator.live.published import (
 from estimator.live.refusal import FINE
 from estimator.live.reports import MOST_WAITING, enqueue, take_due_velocities, velocity_at
 from estimator.live.rows import IS_RATE, ROW, TIME, X, Y, Z
-from estimator.types import NEVER_US, Between, Sample, Vec3
+from estimator.types import NEVER_US, ZERO_VEC3, Between, Sample, Vec3
 
 # Why steps end: no more samples, a refused one (:mod:`estimator.live.refusal`), or bits that show
 # what the last one leaves to decide.
@@ -143,6 +143,7 @@ def step_aided(
     reference = params.reference
     seen = handle.seen
     north = horizontal_north(reference, now.knows_north)
+    events = handle.conditioning.events
     others = StepInputs(
         gravity_b=seen.gravity_b,
         gravity_sigma_rad=seen.sigma_brief_rad,
@@ -150,7 +151,8 @@ def step_aided(
         north=north,
         place_gauss=reference.place_gauss,
         unsensed_turn=unsensed_turn,
-        force_scatter=handle.conditioning.events.gravity.force_scatter,
+        force_scatter=events.gravity.force_scatter,
+        gyr_errors=events.axes.errors if events.axes.since_s < SPAN_S else ZERO_VEC3,
     )
     before = handle.aided.estimate.q_ned_frd
     aided, handle.covariance, handle.velocity_history = aid(
@@ -274,11 +276,11 @@ def contradicted_axes(handle: Any) -> tuple[bool, bool, bool]:
     By more than a bias that the profile allows: such an error is not learnt.
     """
     axes = handle.conditioning.events.axes
-    is_now = axes.since_s < SPAN_S
-    least = handle.params.conditioning.bias_limit_rad_s**2
-    x, y, z = axes.squares
+    x, y, z = axes.errors
+    x, y, z = x * x, y * y, z * z
     common = min(x, y, z)  # of a field that contradicts all three it is the field's own
-    x, y, z = x - common, y - common, z - common
+    least = handle.params.conditioning.bias_limit_rad_s**2 + common
+    is_now = axes.since_s < SPAN_S
     return is_now and x > least, is_now and y > least, is_now and z > least
 
 

@@ -151,6 +151,38 @@ def test_a_field_that_contradicts_an_axis_for_a_moment_moves_no_tilt(
     assert found.inclination.rms_deg == pytest.approx(rms_deg, rel=0.3)
 
 
+@pytest.mark.parametrize(
+    ("motion", "fault", "most_deg"),
+    [
+        ("hover", Fault("gyroscope offset", 0, 0.1), 6.0),
+        ("hover", Fault("gyroscope offset", 1, -0.1), 6.0),
+        ("gentle tilts", Fault("gyroscope offset", 1, 0.5), 6.0),
+        ("slalom 20", Fault("gyroscope offset", 0, 0.5), 6.0),
+        ("vigorous tilts", Fault("gyroscope stuck", 1), 10.0),
+        ("aerobatics", Fault("gyroscope saturated", 0, 0.5), 10.0),
+    ],
+)
+def test_velocity_holds_the_tilt_beside_a_gyroscope_that_errs(motion, fault, most_deg):
+    """An axis that it contradicts, too, is followed as a bias; otherwise 15 to 84 deg."""
+    found = judge(Case(motion, fault))
+    assert found.inclination.rms_deg < most_deg
+    assert found.inclination.beyond_three < 0.05
+    assert found.wrong_and_sure_s < 2.0
+
+
+def test_other_rates_stand_in_before_a_bias_is_followed():
+    """For a stuck axis, whose error is no bias."""
+    found = judge(Case("hand", Fault("gyroscope stuck", 2), beside="attitude"))
+    assert found.inclination.rms_deg < 3.0  # 27 if a bias is followed
+
+
+def test_a_gyroscope_that_is_right_again_is_believed_again():
+    offset = Fault("gyroscope offset", 0, 0.3, begin_s=40.0, end_s=45.0)
+    found = judge(Case("gentle tilts", offset))
+    assert found.inclination.rms_deg < 4.0
+    assert found.inclination.sigma_deg < 2.5  # 4.1 while it errs
+
+
 def test_an_axis_that_errs_makes_no_unsensed_turn():
     """Field and force turn in its frame together, again and again."""
     found = judge(Case("hover", Fault("gyroscope offset", 0, 0.5)))

@@ -9,6 +9,7 @@ That share is learnt. A field that leaps, faster than a vehicle turns, has to sh
 better or worse the force fits is the rest of the evidence.
 """
 
+from math import exp, pi
 from typing import NamedTuple
 
 from estimator.bounds import TINY
@@ -43,8 +44,8 @@ class AxisSigns(NamedTuple):
     turns: float = UNPROVEN_S  # of those of the turns, which it may have gone along with
     by_noise: float = 1.0  # measured over expected square of what all else does to the field
     age_s: float = 0.0  # since the first field
-    squares: Vec3 = ZERO_VEC3  # squared error of each axis that explains the field, (rad/s)^2
     since_s: float = LATELY_S  # since any was contradicted, up to this time
+    errors: Vec3 = ZERO_VEC3  # of each axis, as far as it is likely; fading, rad/s
 
 
 class Seen(NamedTuple):
@@ -67,8 +68,8 @@ class Suspect(NamedTuple):
 
 
 with_means = replacer(AxisSigns, "slow", "slower", "age_s")
-with_judged = replacer(AxisSigns, "moves", "turns", "by_noise", "squares", "since_s")
-with_motion = replacer(AxisSigns, "turned", "unseen", "squares", "since_s")
+with_judged = replacer(AxisSigns, "moves", "turns", "by_noise", "since_s", "errors")
+with_motion = replacer(AxisSigns, "turned", "unseen", "since_s", "errors")
 with_leap = replacer(AxisSigns, "slow", "slower", "moves", "turns", "age_s")
 
 
@@ -79,8 +80,9 @@ def carry_axes(state: AxisSigns, vertical: VerticalStep, dt_s: float) -> AxisSig
     turn_g = scale(dt_s, to_frame(axes_of(vertical.q_g_frd), vertical.rate))
     turned = scale(keep, add(state.turned, turn_g))
     unseen = keep * keep * state.unseen + vertical.aliasing
-    squares = scale(LATELY_S / (LATELY_S + dt_s), state.squares)
-    return with_motion(state, turned, unseen, squares, min(state.since_s + dt_s, LATELY_S))
+    since_s = min(state.since_s + dt_s, LATELY_S)
+    errors = scale(LATELY_S / (LATELY_S + dt_s), state.errors)
+    return with_motion(state, turned, unseen, since_s, errors)
 
 
 @inlined
@@ -193,25 +195,22 @@ def force_evidence(gravity: GravityState, a: Vec3, turn: float, force_scatter: f
 def judge(
     state: AxisSigns, field: Seen, cases: tuple[Suspect, Suspect, Suspect], dt_s: float
 ) -> AxisSigns:
-    """An axis is suspected if its case is strong, and no other's is stronger by as much.
+    """Axes are contradicted while the case of one is strong, each as far as it is likely.
 
-    Axes that field and force cannot distinguish are suspected alike. A ratio of up to twice the
-    usual one teaches what is usual, and each cause in proportion.
+    Axes that field and force cannot distinguish are so alike. A ratio of up to twice the usual one
+    teaches what is usual, and each cause in proportion.
     """
     most, ratio = 0.0, 0.0
     for case in cases:
         most = max(most, case.evidence)
         ratio = max(ratio, case.ratio)
-    x, y, z = state.squares
-    least, share = most - FAR, dt_s / (SPAN_S + dt_s)
-    squares = (
-        suspicion(x, cases[0], least, share),
-        suspicion(y, cases[1], least, share),
-        suspicion(z, cases[2], least, share),
-    )
-    since_s = state.since_s
+    least = most - FAR
+    since_s, (x, y, z) = state.since_s, state.errors
     if is_strong(cases[0], least) or is_strong(cases[1], least) or is_strong(cases[2], least):
         since_s = 0.0
+        x = larger(x, likely_error(cases[0], most))
+        y = larger(y, likely_error(cases[1], most))
+        z = larger(z, likely_error(cases[2], most))
     variance = field.by_turning + field.by_noise
     quiet = field.by_noise / variance
     learn = dt_s / (state.age_s + dt_s) * (min(ratio, 2.0) - 1.0)
@@ -224,17 +223,25 @@ def judge(
         min(keep * (state.moves + dt_s * max(0.0, moves)), 4.0 * turns),
         turns,
         max(1.0, state.by_noise * (1.0 + learn * quiet)),
-        squares,
         since_s,
+        (x, y, z),
     )
 
 
 @inlined
-def suspicion(before: float, case: Suspect, least: float, share: float) -> float:
-    """The squared error of an axis, (rad/s)^2, which rises while the case is strong."""
-    now = case.rate_rad_s * case.rate_rad_s
-    rises = now > before and is_strong(case, least)
-    return before + share * (now - before) if rises else before
+def likely_error(case: Suspect, most: float) -> float:
+    """The error of an axis, rad/s, times its likelihood ratio to the one of ``most`` evidence.
+
+    The field shows hardly anything of a turn about itself: half a turn in a second is the most.
+    """
+    rate_rad_s = max(-pi / SPAN_S, min(case.rate_rad_s, pi / SPAN_S))
+    return exp(0.5 * (case.evidence - most)) * rate_rad_s
+
+
+@inlined
+def larger(a: float, b: float) -> float:
+    """The one that is farther off 0."""
+    return a if abs(a) > abs(b) else b
 
 
 @inlined

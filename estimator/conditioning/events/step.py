@@ -199,7 +199,8 @@ def shown_together(
     force leaves ``quick``, its mean of a second, while the angle between the two stays. Less counts
     than such a mean is usually off, than an acceleration that changes the force's size may have
     turned it, and than the vehicle has turned by itself in that second: a thrust turns along with
-    it in G, as a frozen field does. An axis of the gyroscope at fault makes such jumps, too.
+    it in G, as a frozen field does. None counts within a second after field and force have
+    contradicted an axis of the gyroscope, which makes such jumps, too.
     """
     if proof.jump <= 0.0 or before.axes.since_s < SPAN_S:
         return 0.0

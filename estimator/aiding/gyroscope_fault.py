@@ -1,0 +1,75 @@
+"""An axis of the gyroscope at fault while velocity helps: its error is followed as a bias.
+
+Field and force show which axis they contradict, and by how much. A compass that is frozen or beside
+iron contradicts a sound axis, so velocity has to bear it out: an axis that reads too much turns the
+attitude, and the force seen through that gains a velocity that no report shows.
+"""
+
+from estimator.aiding.types import (
+    GYR_BIAS,
+    Agreement,
+    AidingParams,
+    AidingState,
+    Array,
+    GyroscopeFault,
+)
+from estimator.bounds import TINY
+from estimator.compilation.compiled import inlined
+from estimator.conditioning.params import LATELY_S, SPAN_S
+from estimator.conditioning.robust import FAR
+from estimator.geometry.quaternion import add, cross, dot, norm, rotate, scale
+from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
+
+
+@inlined
+def watch_gyroscope(state: AidingState, gyr_errors: Vec3, dt: float) -> GyroscopeFault:
+    """What is at fault ``dt`` after the last sample.
+
+    One of ``gyr_errors`` (rad/s), by field and force, has to explain the reports of a second.
+    """
+    fault, keep = state.gyroscope_fault, SPAN_S / (SPAN_S + dt)
+    innovations, reports = scale(keep, fault.innovations), keep * fault.reports
+    for agreement in (state.agreement.by_filter, state.agreement.by_receiver):
+        if agreement.wait_s <= 0.0:
+            innovations, reports = add(innovations, usual_units(agreement)), reports + 1.0
+    x, y, z = scale(LATELY_S / (LATELY_S + dt), fault.squares)
+    fault = GyroscopeFault(innovations, reports, (x, y, z))
+    a, b, c = gyr_errors
+    by_x = evidence(state, fault, (1.0, 0.0, 0.0), a)
+    by_y = evidence(state, fault, (0.0, 1.0, 0.0), b)
+    by_z = evidence(state, fault, (0.0, 0.0, 1.0), c)
+    if max(by_x, by_y, by_z) <= FAR:
+        return fault
+    return GyroscopeFault(innovations, reports, (max(x, a * a), max(y, b * b), max(z, c * c)))
+
+
+@inlined
+def usual_units(agreement: Agreement) -> Vec3:
+    """The last report's innovation, in sigmas as they have been lately."""
+    scatter = agreement.scatter
+    return scale(max(1.0, scatter.innovation) ** -0.5, scatter.latest)
+
+
+@inlined
+def evidence(state: AidingState, fault: GyroscopeFault, axis: Vec3, error_rad_s: float) -> float:
+    """Square of the reports' mean innovation that an axis' error explains, over its variance.
+
+    Turned with the attitude about the axis a, the force f gains a velocity along a x f. The nearer
+    the force is to that axis, the less an error shows.
+    """
+    if abs(error_rad_s) <= 0.0:
+        return 0.0
+    force = state.last.force_ned_m_s2
+    gained = cross(rotate(state.estimate.q_ned_frd, axis), force)
+    size = max(norm(gained), STANDARD_GRAVITY_M_S2)
+    explained = -dot(fault.innovations, gained) * error_rad_s / (abs(error_rad_s) * size)
+    return explained * explained / max(fault.reports, TINY) if explained > 0.0 else 0.0
+
+
+@inlined
+def follow_errors(params: AidingParams, P: Array, fault: GyroscopeFault) -> None:
+    """Make each bias as uncertain as its axis' error, in place, if one is beyond usual biases."""
+    squares = fault.squares
+    if max(squares[0], squares[1], squares[2]) > params.gyr_bias_sigma**2:
+        for k in range(3):
+            P[GYR_BIAS + k, GYR_BIAS + k] = max(P[GYR_BIAS + k, GYR_BIAS + k], squares[k])
