@@ -29,6 +29,7 @@ from estimator.aiding.types import (
     BiasPrior,
     CorrectionCusum,
     FieldState,
+    GyroscopeFault,
     LastStep,
     Report,
     Roughness,
@@ -162,5 +163,8 @@ def forget_biases(
         bias_rad_s=ZERO_VEC3, least_variance=3.0 * params.gyr_bias_sigma**2
     )
     return state._replace(
-        estimate=estimate, correction_cusum=correction_cusum, bias_prior=initial_bias_prior(params)
+        estimate=estimate,
+        correction_cusum=correction_cusum,
+        bias_prior=initial_bias_prior(params),
+        gyroscope_fault=GyroscopeFault(),
     ), P

@@ -1,9 +1,11 @@
-"""An axis of the gyroscope at fault while velocity helps: its error is followed as a bias.
+"""An axis of the gyroscope at fault while velocity helps: its error is tracked as a bias.
 
 Field and force show which axis they contradict, and by how much. A compass that is frozen or beside
-iron contradicts a sound axis, so velocity has to bear it out: an axis that reads too much turns the
+iron contradicts a sound axis, so velocity must confirm it: an axis that reads too much turns the
 attitude, and the force seen through that gains a velocity that no report shows.
 """
+
+from math import copysign
 
 from estimator.aiding.types import (
     GYR_BIAS,
@@ -23,24 +25,25 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
 @inlined
 def watch_gyroscope(state: AidingState, gyr_errors: Vec3, dt: float) -> GyroscopeFault:
-    """What is at fault ``dt`` after the last sample.
+    """The state one step of ``dt`` later.
 
-    One of ``gyr_errors`` (rad/s), by field and force, has to explain the reports of a second.
+    ``gyr_errors`` (rad/s, by field and force) count once one of them explains the reports of a
+    second. The others may be as likely.
     """
     fault, keep = state.gyroscope_fault, SPAN_S / (SPAN_S + dt)
-    innovations, reports = scale(keep, fault.innovations), keep * fault.reports
+    innovations, variance = scale(keep, fault.innovations), keep * keep * fault.variance
     for agreement in (state.agreement.by_filter, state.agreement.by_receiver):
         if agreement.wait_s <= 0.0:
-            innovations, reports = add(innovations, usual_units(agreement)), reports + 1.0
+            innovations, variance = add(innovations, usual_units(agreement)), variance + 1.0
     x, y, z = scale(LATELY_S / (LATELY_S + dt), fault.squares)
-    fault = GyroscopeFault(innovations, reports, (x, y, z))
+    fault = GyroscopeFault(innovations, variance, (x, y, z))
     a, b, c = gyr_errors
     by_x = evidence(state, fault, (1.0, 0.0, 0.0), a)
     by_y = evidence(state, fault, (0.0, 1.0, 0.0), b)
     by_z = evidence(state, fault, (0.0, 0.0, 1.0), c)
     if max(by_x, by_y, by_z) <= FAR:
         return fault
-    return GyroscopeFault(innovations, reports, (max(x, a * a), max(y, b * b), max(z, c * c)))
+    return GyroscopeFault(innovations, variance, (max(x, a * a), max(y, b * b), max(z, c * c)))
 
 
 @inlined
@@ -52,7 +55,7 @@ def usual_units(agreement: Agreement) -> Vec3:
 
 @inlined
 def evidence(state: AidingState, fault: GyroscopeFault, axis: Vec3, error_rad_s: float) -> float:
-    """Square of the reports' mean innovation that an axis' error explains, over its variance.
+    """Square of the sum of innovations that an axis' error explains, over its variance.
 
     Turned with the attitude about the axis a, the force f gains a velocity along a x f. The nearer
     the force is to that axis, the less an error shows.
@@ -62,12 +65,12 @@ def evidence(state: AidingState, fault: GyroscopeFault, axis: Vec3, error_rad_s:
     force = state.last.force_ned_m_s2
     gained = cross(rotate(state.estimate.q_ned_frd, axis), force)
     size = max(norm(gained), STANDARD_GRAVITY_M_S2)
-    explained = -dot(fault.innovations, gained) * error_rad_s / (abs(error_rad_s) * size)
-    return explained * explained / max(fault.reports, TINY) if explained > 0.0 else 0.0
+    explained = max(0.0, copysign(1.0, error_rad_s) * -dot(fault.innovations, gained) / size)
+    return explained * explained / max(fault.variance, TINY)
 
 
 @inlined
-def follow_errors(params: AidingParams, P: Array, fault: GyroscopeFault) -> None:
+def track_errors(params: AidingParams, P: Array, fault: GyroscopeFault) -> None:
     """Make each bias as uncertain as its axis' error, in place, if one is beyond usual biases."""
     squares = fault.squares
     if max(squares[0], squares[1], squares[2]) > params.gyr_bias_sigma**2:

@@ -16,7 +16,7 @@ from estimator.aiding.acceleration_tilt import (
 )
 from estimator.aiding.correction import apply_corrections, correct_last, part, prediction_at
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
-from estimator.aiding.gyroscope_fault import follow_errors, watch_gyroscope
+from estimator.aiding.gyroscope_fault import track_errors, watch_gyroscope
 from estimator.aiding.inertial import Prediction, judge_biases, predict_motion, watch_knocks
 from estimator.aiding.sources.field import begin_anew, forget_iron, observe_heading, with_wait
 from estimator.aiding.sources.unaided import observe_down, observe_unaided
@@ -85,7 +85,7 @@ def aid(
         share = 1.0 if is_silent else slow
         now, correction_cusum = level(now, correction_cusum, others, tilt_error_rad, share, dt)
     gyroscope_fault = watch_gyroscope(state, others.gyr_errors, dt)
-    follow_errors(params, now.covariance, gyroscope_fault)
+    track_errors(params, now.covariance, gyroscope_fault)
     if others.unsensed_turn > 0.0:
         now = level_by_force(now, others)
     before, x = known(now.covariance), np.zeros(SIZE)

@@ -213,10 +213,10 @@ class Wheels(NamedTuple):
 
 
 class GyroscopeFault(NamedTuple):
-    """What field and force show of the gyroscope's axes, as far as velocity bears it out."""
+    """Errors of the gyroscope's axes that field and force show and velocity confirms."""
 
     innovations: Vec3 = ZERO_VEC3  # sum of the reports', NED, each in its usual sigma; fading
-    reports: float = 0.0  # how many, fading alike
+    variance: float = 0.0  # of that sum if they are noise
     squares: Vec3 = ZERO_VEC3  # squared errors of the axes, (rad/s)^2, fading; mostly 0
 
 
@@ -260,4 +260,4 @@ class StepInputs(NamedTuple):
     place_gauss: Vec3 = ZERO_VEC3  # the place's field by a model, NED; zero if unknown
     unsensed_turn: float = 0.0  # variance (rad^2) about any axis of a turn just shown; mostly 0
     force_scatter: float = 0.0  # mean square angle (rad^2) of a second's force off the vertical
-    gyr_errors: Vec3 = ZERO_VEC3  # of axes that field and force contradict, rad/s; mostly 0
+    gyr_errors: Vec3 = ZERO_VEC3  # of contradicted axes, rad/s; above 0: reads too much

@@ -13,6 +13,7 @@ from estimator.aiding.velocity_history import OLDEST_S
 from estimator.arrays import Floats
 from estimator.compilation.compiled import inlined, shared
 from estimator.conditioning.condition import condition
+from estimator.conditioning.events.axis_signs import current_errors
 from estimator.conditioning.params import SPAN_S, ConditioningParams
 from estimator.conditioning.rate import slow_share
 from estimator.filter import kernel
@@ -35,7 +36,7 @@ from estimator.live.published import (
 from estimator.live.refusal import FINE
 from estimator.live.reports import MOST_WAITING, enqueue, take_due_velocities, velocity_at
 from estimator.live.rows import IS_RATE, ROW, TIME, X, Y, Z
-from estimator.types import NEVER_US, ZERO_VEC3, Between, Sample, Vec3
+from estimator.types import NEVER_US, Between, Sample, Vec3
 
 # Why steps end: no more samples, a refused one (:mod:`estimator.live.refusal`), or bits that show
 # what the last one leaves to decide.
@@ -152,7 +153,7 @@ def step_aided(
         place_gauss=reference.place_gauss,
         unsensed_turn=unsensed_turn,
         force_scatter=events.gravity.force_scatter,
-        gyr_errors=events.axes.errors if events.axes.since_s < SPAN_S else ZERO_VEC3,
+        gyr_errors=current_errors(events.axes),
     )
     before = handle.aided.estimate.q_ned_frd
     aided, handle.covariance, handle.velocity_history = aid(
@@ -275,13 +276,11 @@ def contradicted_axes(handle: Any) -> tuple[bool, bool, bool]:
 
     By more than a bias that the profile allows: such an error is not learnt.
     """
-    axes = handle.conditioning.events.axes
-    x, y, z = axes.errors
+    x, y, z = current_errors(handle.conditioning.events.axes)
     x, y, z = x * x, y * y, z * z
     common = min(x, y, z)  # of a field that contradicts all three it is the field's own
     least = handle.params.conditioning.bias_limit_rad_s**2 + common
-    is_now = axes.since_s < SPAN_S
-    return is_now and x > least, is_now and y > least, is_now and z > least
+    return x > least, y > least, z > least
 
 
 @inlined

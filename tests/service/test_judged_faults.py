@@ -163,17 +163,17 @@ def test_a_field_that_contradicts_an_axis_for_a_moment_moves_no_tilt(
     ],
 )
 def test_velocity_holds_the_tilt_beside_a_gyroscope_that_errs(motion, fault, most_deg):
-    """An axis that it contradicts, too, is followed as a bias; otherwise 15 to 84 deg."""
+    """an axis that it contradicts, too, is tracked as a bias; otherwise 15 to 84 deg."""
     found = judge(Case(motion, fault))
     assert found.inclination.rms_deg < most_deg
     assert found.inclination.beyond_three < 0.05
     assert found.wrong_and_sure_s < 2.0
 
 
-def test_other_rates_stand_in_before_a_bias_is_followed():
+def test_other_rates_stand_in_before_a_bias_is_tracked():
     """For a stuck axis, whose error is no bias."""
     found = judge(Case("hand", Fault("gyroscope stuck", 2), beside="attitude"))
-    assert found.inclination.rms_deg < 3.0  # 27 if a bias is followed
+    assert found.inclination.rms_deg < 3.0  # 27 if a bias is tracked
 
 
 def test_a_gyroscope_that_is_right_again_is_believed_again():

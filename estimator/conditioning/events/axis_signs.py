@@ -45,7 +45,7 @@ class AxisSigns(NamedTuple):
     by_noise: float = 1.0  # measured over expected square of what all else does to the field
     age_s: float = 0.0  # since the first field
     since_s: float = LATELY_S  # since any was contradicted, up to this time
-    errors: Vec3 = ZERO_VEC3  # of each axis, as far as it is likely; fading, rad/s
+    errors: Vec3 = ZERO_VEC3  # times its likelihood, fading, rad/s; above 0: reads too much
 
 
 class Seen(NamedTuple):
@@ -195,10 +195,10 @@ def force_evidence(gravity: GravityState, a: Vec3, turn: float, force_scatter: f
 def judge(
     state: AxisSigns, field: Seen, cases: tuple[Suspect, Suspect, Suspect], dt_s: float
 ) -> AxisSigns:
-    """Axes are contradicted while the case of one is strong, each as far as it is likely.
+    """While one case is strong, each axis has its error times its likelihood beside the best case.
 
-    Axes that field and force cannot distinguish are so alike. A ratio of up to twice the usual one
-    teaches what is usual, and each cause in proportion.
+    Axes that field and force cannot distinguish have equal shares. A ratio of up to twice the usual
+    one teaches what is usual, and each cause in proportion.
     """
     most, ratio = 0.0, 0.0
     for case in cases:
@@ -252,3 +252,9 @@ def is_strong(case: Suspect, least: float) -> bool:
     less than a standard deviation it may do so by chance.
     """
     return case.ratio > FAR and case.evidence > least and case.by_force > -1.0
+
+
+@inlined
+def current_errors(state: AxisSigns) -> Vec3:
+    """The errors of axes, rad/s, if any was contradicted within a second; otherwise 0."""
+    return state.errors if state.since_s < SPAN_S else ZERO_VEC3
