@@ -276,11 +276,13 @@ def contradicted_axes(handle: Any) -> tuple[bool, bool, bool]:
 
     By more than a bias that the profile allows: such an error is not learnt.
     """
-    x, y, z = current_errors(handle.conditioning.events.axes)
-    x, y, z = x * x, y * y, z * z
+    axes = handle.conditioning.events.axes
+    is_now = axes.since_s < SPAN_S
+    least = handle.params.conditioning.bias_limit_rad_s**2
+    x, y, z = axes.squares
     common = min(x, y, z)  # of a field that contradicts all three it is the field's own
-    least = handle.params.conditioning.bias_limit_rad_s**2 + common
-    return x > least, y > least, z > least
+    x, y, z = x - common, y - common, z - common
+    return is_now and x > least, is_now and y > least, is_now and z > least
 
 
 @inlined

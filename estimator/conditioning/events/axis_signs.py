@@ -44,6 +44,7 @@ class AxisSigns(NamedTuple):
     turns: float = UNPROVEN_S  # of those of the turns, which it may have gone along with
     by_noise: float = 1.0  # measured over expected square of what all else does to the field
     age_s: float = 0.0  # since the first field
+    squares: Vec3 = ZERO_VEC3  # squared error of each axis that explains the field, (rad/s)^2
     since_s: float = LATELY_S  # since any was contradicted, up to this time
     errors: Vec3 = ZERO_VEC3  # times its likelihood, fading, rad/s; above 0: reads too much
 
@@ -68,8 +69,8 @@ class Suspect(NamedTuple):
 
 
 with_means = replacer(AxisSigns, "slow", "slower", "age_s")
-with_judged = replacer(AxisSigns, "moves", "turns", "by_noise", "since_s", "errors")
-with_motion = replacer(AxisSigns, "turned", "unseen", "since_s", "errors")
+with_judged = replacer(AxisSigns, "moves", "turns", "by_noise", "squares", "since_s", "errors")
+with_motion = replacer(AxisSigns, "turned", "unseen", "squares", "since_s", "errors")
 with_leap = replacer(AxisSigns, "slow", "slower", "moves", "turns", "age_s")
 
 
@@ -80,9 +81,9 @@ def carry_axes(state: AxisSigns, vertical: VerticalStep, dt_s: float) -> AxisSig
     turn_g = scale(dt_s, to_frame(axes_of(vertical.q_g_frd), vertical.rate))
     turned = scale(keep, add(state.turned, turn_g))
     unseen = keep * keep * state.unseen + vertical.aliasing
-    since_s = min(state.since_s + dt_s, LATELY_S)
-    errors = scale(LATELY_S / (LATELY_S + dt_s), state.errors)
-    return with_motion(state, turned, unseen, since_s, errors)
+    fade, since_s = LATELY_S / (LATELY_S + dt_s), min(state.since_s + dt_s, LATELY_S)
+    squares, errors = scale(fade, state.squares), scale(fade, state.errors)
+    return with_motion(state, turned, unseen, squares, since_s, errors)
 
 
 @inlined
@@ -205,6 +206,12 @@ def judge(
         most = max(most, case.evidence)
         ratio = max(ratio, case.ratio)
     least = most - FAR
+    (x, y, z), share = state.squares, dt_s / (SPAN_S + dt_s)
+    squares = (
+        suspicion(x, cases[0], least, share),
+        suspicion(y, cases[1], least, share),
+        suspicion(z, cases[2], least, share),
+    )
     since_s, (x, y, z) = state.since_s, state.errors
     if is_strong(cases[0], least) or is_strong(cases[1], least) or is_strong(cases[2], least):
         since_s = 0.0
@@ -223,6 +230,7 @@ def judge(
         min(keep * (state.moves + dt_s * max(0.0, moves)), 4.0 * turns),
         turns,
         max(1.0, state.by_noise * (1.0 + learn * quiet)),
+        squares,
         since_s,
         (x, y, z),
     )
@@ -242,6 +250,14 @@ def likely_error(case: Suspect, most: float) -> float:
 def larger(a: float, b: float) -> float:
     """The one that is farther off 0."""
     return a if abs(a) > abs(b) else b
+
+
+@inlined
+def suspicion(before: float, case: Suspect, least: float, share: float) -> float:
+    """The squared error of an axis, (rad/s)^2, which rises while the case is strong."""
+    now = case.rate_rad_s * case.rate_rad_s
+    rises = now > before and is_strong(case, least)
+    return before + share * (now - before) if rises else before
 
 
 @inlined

@@ -94,7 +94,9 @@ def test_an_axis_with_an_offset_is_contradicted_within_a_second(axis):
     """About x and z the field turns alike here: the force separates them a second later."""
     error = [0.0, 0.0, 0.0]
     error[axis] = 0.2
-    assert after(0.1, error).errors == (0.0, 0.0, 0.0)
+    assert after(0.1, error).squares == (0.0, 0.0, 0.0)
+    assert 0.04 < np.sqrt(after(1.0, error).squares[axis]) < 0.12
+    assert np.sqrt(after(3.0, error).squares[axis]) == pytest.approx(0.17, rel=0.2)
     for seconds in (1.0, 3.0):
         averaged = 0.2 * (1.0 - np.exp(-seconds / SPAN_S))
         assert after(seconds, error).errors[axis] == pytest.approx(averaged, rel=0.05)
@@ -136,15 +138,15 @@ def turned_compass(angle_rad):
     ],
 )
 def test_what_contradicts_an_axis(seconds, error, body, is_contradicted):
-    errors = after(seconds, error, **body).errors
-    assert errors[0] > 0.0 if is_contradicted else errors == (0.0, 0.0, 0.0)
+    squares = after(seconds, error, **body).squares
+    assert squares[0] > 0.0 if is_contradicted else squares == (0.0, 0.0, 0.0)
 
 
 def test_a_noisy_field_at_rest_does_not_hide_a_fault():
     """Its noise goes along with no turn, and what moved it long ago is forgotten."""
     for before_s in (20.0, 200.0):
         found = after(4.0, (0.0, 0.0, 0.3), swing_rad_s=0.0, before_s=before_s, noise=0.01)
-        assert found.errors[2] > 0.05
+        assert np.sqrt(found.squares[2]) > 0.05
 
 
 def test_what_a_field_at_rest_does_is_no_more_than_going_along_with_all():
@@ -156,23 +158,24 @@ def test_what_a_field_at_rest_does_is_no_more_than_going_along_with_all():
 
 
 def test_what_nothing_renews_is_forgotten():
-    before = AxisSigns(errors=(0.2, 0.0, -0.1))
+    before = AxisSigns(squares=(0.04, 0.0, 0.01), errors=(0.2, 0.0, -0.1))
     now = before
     for _ in range(500):
         now = carry_axes(now, step_of(IDENTITY, (0.0, 0.0, 0.0)), DT_S)
+    assert now.squares == pytest.approx(scale(np.exp(-1.0), before.squares), rel=1e-2)
     assert now.errors == pytest.approx(scale(np.exp(-1.0), before.errors), rel=1e-2)
 
 
 def test_a_case_much_weaker_than_another_is_dropped():
     strong, weak, none = (Suspect(0.3, e, 0.0, e) for e in (60.0, 43.0, 1.0))
     field, signs = Seen((1.0, 0.0, 0.0), (0.01, 0.0, 0.0), 1e-4, 1e-4, 1e-4), AxisSigns(age_s=60.0)
-    found = judge(signs, field, (strong, weak, none), 0.02)
-    assert found.errors == pytest.approx((0.3, 0.3 * np.exp(-8.5), 0.0), abs=1e-9)
+    squares = judge(signs, field, (strong, weak, none), 0.02).squares
+    assert squares == pytest.approx((0.09 * 0.02 / 1.02, 0.0, 0.0))
+    errors = judge(signs, field, (strong, weak, none), 0.02).errors
+    assert errors == pytest.approx((0.3, 0.3 * np.exp(-8.5), 0.0), abs=1e-9)
     alike = strong._replace(evidence=45.0)
-    likely = (0.3, 0.3 * np.exp(-7.5), 0.0)
-    found = judge(signs, field, (strong, alike, none), 0.02)
-    assert found.errors == pytest.approx(likely, abs=1e-9)
+    assert judge(signs, field, (strong, alike, none), 0.02).squares[1] > 0.0
     by_magnet = strong._replace(by_force=-1.1)
-    assert judge(signs, field, (by_magnet, none, none), 0.02).errors == (0.0, 0.0, 0.0)
+    assert judge(signs, field, (by_magnet, none, none), 0.02).squares == (0.0, 0.0, 0.0)
     beneath = strong._replace(ratio=0.99 * FAR)
-    assert judge(signs, field, (beneath, none, none), 0.02).errors == (0.0, 0.0, 0.0)
+    assert judge(signs, field, (beneath, none, none), 0.02).squares == (0.0, 0.0, 0.0)
