@@ -163,7 +163,7 @@ def test_a_field_that_contradicts_an_axis_for_a_moment_moves_no_tilt(
     ],
 )
 def test_velocity_holds_the_tilt_beside_a_gyroscope_that_errs(motion, fault, most_deg):
-    """an axis that it contradicts, too, is tracked as a bias; otherwise 15 to 84 deg."""
+    """An axis that it contradicts, too, is tracked as a bias; otherwise 15 to 84 deg."""
     found = judge(Case(motion, fault))
     assert found.inclination.rms_deg < most_deg
     assert found.inclination.beyond_three < 0.05
