@@ -98,9 +98,9 @@ class Tlog(LogFile):
         kinds = mavlink().mavlink_map
         numbers = {number: kind.msgname for number, kind in kinds.items() if kind.msgname in names}
         for arrival_us, frame in self._frames(frozenset(numbers)):
-            if frame is not None and (m := fields(frame)) is not None:
+            if frame is not None:
                 sender = VehicleId(frame.system_id, frame.component_id)
-                yield sender, numbers[frame.message_id], arrival_us, m
+                yield sender, numbers[frame.message_id], arrival_us, fields(frame)
 
     def advice(self, system_id: int | None = None) -> str | None:
         """See :meth:`LogFile.advice`."""

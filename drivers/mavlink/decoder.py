@@ -8,7 +8,6 @@ without any I/O, and unpacks only what somebody wants. What is in a message is i
 from collections import OrderedDict
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from drivers import events
 from drivers.events import Event, VehicleId
@@ -95,13 +94,13 @@ class MavlinkDecoder:
         self._waiting: dict[tuple[int, str], ParameterValue] = {}
         self._references = references
         self._handlers: dict[int, Callable[[_Sender, Frame, int], list[Event]]] = {
-            mav.PARAM_VALUE_ID: partial(self._unpacked, self._param_value),
-            mav.HEARTBEAT_ID: partial(self._unpacked, self._heartbeat),
-            mav.COMMAND_ACK_ID: partial(self._unpacked, self._command_ack),
+            mav.PARAM_VALUE_ID: self._param_value,
+            mav.HEARTBEAT_ID: self._heartbeat,
+            mav.COMMAND_ACK_ID: _command_ack,
             mav.AUTOPILOT_VERSION_ID: _version,
         }
         if texts:
-            self._handlers[mav.STATUSTEXT_ID] = partial(self._unpacked, self._status_text)
+            self._handlers[mav.STATUSTEXT_ID] = _status_text
         better: list[str] = []  # IMU messages, in the order of preference
         for number, imu in messages.IMU_MESSAGES.items():
             self._handlers[number] = partial(self._imu, imu, tuple(better))
@@ -152,31 +151,18 @@ class MavlinkDecoder:
             last_us = sender.imu_us.get(in_use, arrival_us - IMU_SILENT_US)
             if in_use in better and 0 <= arrival_us - last_us < IMU_SILENT_US:
                 return _other_imu(message, sender, frame, arrival_us)
-        if (m := fields(frame)) is None:
-            return []
+        m = fields(frame)
         raw_us = m.time_usec if clock is _TIME_USEC else m.time_boot_ms * 1000
         stream = messages.imu_stream_name(name, messages.imu_number(frame))
         gyr, acc, mag = vectors(m)
         return sender.intake.imu(stream, Stamp(clock, raw_us, arrival_us), gyr, acc, Field(mag))
-
-    def _unpacked(
-        self,
-        take: Callable[[_Sender, Any, int], list[Event]],
-        sender: _Sender,
-        frame: Frame,
-        arrival_us: int,
-    ) -> list[Event]:
-        m = fields(frame)
-        return [] if m is None else take(sender, m, arrival_us)
 
     def _message(
         self, kind: MessageKind, sender: _Sender, frame: Frame, arrival_us: int
     ) -> list[Event]:
         if kind.is_wanted is not None and not kind.is_wanted(sender.intake, arrival_us):
             return []
-        if (m := fields(frame)) is None:
-            return []
-        return kind.events(sender.intake, Received(kind.name, m, arrival_us))
+        return kind.events(sender.intake, Received(kind.name, fields(frame), arrival_us))
 
     def _meet(self, frame: Frame, arrival_us: int) -> list[Event]:
         """Give a new sender a slot, if there is one; too many are no link of real ones."""
@@ -205,7 +191,8 @@ class MavlinkDecoder:
                 return self._senders.pop(first).id
         return None
 
-    def _param_value(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
+    def _param_value(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
+        m = fields(frame)
         value = ParameterValue(m.param_id, m.param_value, m.param_type)
         known = self._senders.values()  # by HEARTBEAT or IMU data
         autopilots = [s.id for s in known if s.autopilot is not None or s.intake.has_imu]
@@ -218,7 +205,8 @@ class MavlinkDecoder:
         autopilot = self._senders[address].autopilot
         return [events.Parameter(address, arrival_us, value.name, value.value(autopilot))]
 
-    def _heartbeat(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
+    def _heartbeat(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
+        m = fields(frame)
         if not mav.is_autopilot(m.autopilot, m.type):
             return []
         sender.autopilot = m.autopilot
@@ -232,13 +220,17 @@ class MavlinkDecoder:
             *(events.Parameter(sender.id, arrival_us, p.name, p.value(m.autopilot)) for p in held),
         ]
 
-    def _status_text(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
-        if sender.autopilot is None:
-            return []
-        return [events.StatusText(sender.id, arrival_us, m.severity, m.text)]
 
-    def _command_ack(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
-        return [events.CommandAck(sender.id, arrival_us, m.command, m.result)]
+def _status_text(sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
+    if sender.autopilot is None:
+        return []
+    m = fields(frame)
+    return [events.StatusText(sender.id, arrival_us, m.severity, m.text)]
+
+
+def _command_ack(sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
+    m = fields(frame)
+    return [events.CommandAck(sender.id, arrival_us, m.command, m.result)]
 
 
 def _other_imu(message: ImuMessage, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
@@ -250,9 +242,7 @@ def _other_imu(message: ImuMessage, sender: _Sender, frame: Frame, arrival_us: i
     if last_us is None and len(sender.other_us) >= MOST_STREAMS:
         return []
     sender.other_us[name] = arrival_us
-    if (m := fields(frame)) is None:
-        return []
-    gyr, acc, _ = message.vectors(m)
+    gyr, acc, _ = message.vectors(fields(frame))
     return [events.OtherImu(sender.id, arrival_us, name, gyr, acc)]
 
 

@@ -190,13 +190,11 @@ class Layout(NamedTuple):
 
 @cache
 def layout(message_id: int) -> Layout | None:
-    """The layout of a message; None if the dialect does not know it, or arrays matter in it.
+    """The layout of a message of the dialect; None if arrays matter in it.
 
     Extensions stand at the end; an array among them is left out.
     """
-    kind = mavlink().mavlink_map.get(message_id)
-    if kind is None:
-        return None
+    kind = mavlink().mavlink_map[message_id]
     names, struct = tuple(kind.ordered_fieldnames), kind.unpacker
     arrays = [k for k, length in enumerate(kind.array_lengths) if length]
     if arrays:
@@ -208,8 +206,8 @@ def layout(message_id: int) -> Layout | None:
     return Layout(names, struct, partial(_new_tuple, new(kind.msgname, names)))
 
 
-def fields(frame: Frame) -> Any | None:
-    """What has a sound frame's fields as attributes; None if it is no message of the dialect.
+def fields(frame: Frame) -> Any:
+    """What has the fields as attributes of a sound frame of a message of the dialect.
 
     pymavlink builds a large object of every message. Fields before the first array, which are all
     that matter of nearly all messages that come often, are unpacked straight from the frame.
@@ -227,12 +225,9 @@ def fields(frame: Frame) -> Any | None:
     return make(struct.unpack_from(payload))
 
 
-def parsed(data: bytes) -> Any | None:
-    """pymavlink's message of exactly one sound frame; None if it is none of the dialect."""
-    try:
-        return _parser().decode(bytearray(data))
-    except mavlink().MAVError:
-        return None
+def parsed(data: bytes) -> Any:
+    """pymavlink's message of exactly one sound frame, or its stand-in for one it does not know."""
+    return _parser().decode(bytearray(data))
 
 
 @cache
