@@ -24,9 +24,7 @@ class Player:
     waited for the service for ``waited_s``. ``follow`` takes what knows which IMU is in use.
     """
 
-    # nothing is ever dropped
-    dropped = 0
-    shed = lost = 0
+    dropped = shed = lost = 0  # nothing ever is
 
     def __init__(
         self,

@@ -337,9 +337,8 @@ class RateLimits:
         return is_admitted
 
     def note_imu(self, peer: str, now_s: float) -> None:
-        """IMU data of ``peer`` was let in; the first of it fills its larger budget."""
-        known = self._peers.get(peer)
-        if known is not None:
-            if not known.has_imu(now_s):
-                known.left = IMU_PACKETS_HZ
-            known.imu_s = now_s
+        """IMU data of ``peer``, just admitted, was let in; the first fills its larger budget."""
+        known = self._peers[peer]
+        if not known.has_imu(now_s):
+            known.left = IMU_PACKETS_HZ
+        known.imu_s = now_s

@@ -125,10 +125,8 @@ class FrameGate:
         systems, signing = self._policy.system_ids, self._policy.signing
         if systems is not None and frame.system_id not in systems:
             return Reason.SYSTEM_NOT_ALLOWED
-        if signing is not None:
-            refusal = signing.refusal(frame, arrival_us)
-            if refusal is not None:
-                return refusal
+        if signing is not None and (refusal := signing.refusal(frame, arrival_us)) is not None:
+            return refusal
         known = self._addresses.get(address) or self._meet(address, arrival_us)
         copies, is_repeat, is_imu = known.copies, False, frame.message_id in IMU_MESSAGES
         if copies is None and is_imu:

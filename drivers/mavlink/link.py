@@ -134,9 +134,7 @@ class MavlinkLink(Closing):
         self._gate = FrameGate(policy)
         self._queue = FrameQueue(MOST_WAITING)
         self._decoder = MavlinkDecoder(references=references)
-        self._outbound: Outbound | None = None  # nothing is sent
-        if request_rate_hz is not None or endpoint.kind == "udpout":
-            self._outbound = Outbound(endpoint, request_rate_hz, policy)
+        self._outbound = Outbound(endpoint, request_rate_hz, policy)
         self._events: list[Event] = []  # to be drained next
         self._malformed = 0  # the same, of unreadable frames
         self._look_s = 0.0  # when all that was there had been read
@@ -201,10 +199,9 @@ class MavlinkLink(Closing):
         for arrival_us, frame in self._queue.take(MOST_AT_ONCE):
             events += self._decoder.events(frame, arrival_us)
         events += self._queue.take_shed(now_us)
-        if self._outbound is not None:
-            events += self._outbound.react(events, now_us)
-            for frame_bytes in self._outbound.take_frames(now_us):
-                self._connection.send(frame_bytes)
+        events += self._outbound.react(events, now_us)
+        for frame_bytes in self._outbound.take_frames(now_us):
+            self._connection.send(frame_bytes)
         return events
 
     def _read_ahead(self) -> None:
@@ -242,12 +239,10 @@ class MavlinkLink(Closing):
             return 0
         if not self._limits.admits(peer, len(data), arrival_us * 1e-6):
             return 0
-        if peer not in self._readers:
-            self._readers[peer] = FrameReader()
-            if len(self._readers) > MOST_READERS:
-                self._readers.popitem(last=False)
-        reader = self._readers[peer]
-        self._readers.move_to_end(peer)
+        reader = self._readers.pop(peer, None) or FrameReader()
+        self._readers[peer] = reader  # behind all others
+        if len(self._readers) > MOST_READERS:
+            self._readers.popitem(last=False)
         frames = reader.feed(data)
         self._malformed += reader.take_malformed()
         let_in = self._gate.let_in(frames, peer, arrival_us)

@@ -73,7 +73,7 @@ class Outbound:
         self._notices: list[Notice] = []
         # nobody can answer an address that never sends anything
         self._sends_first = endpoint.kind == "udpout"
-        self._heartbeat_us: int | None = None  # when the last ones were sent
+        self._heartbeat_us = -HEARTBEAT_US  # when the last ones were sent
         self._signing = policy.signing
         self._encoders: dict[int, FrameEncoder] = {}
         self._frames: deque[bytes] = deque(maxlen=MOST_UNSENT_FRAMES)
@@ -108,8 +108,7 @@ class Outbound:
         systems = sorted({vehicle.system_id for vehicle in self._streams})
         if self._sends_first and not systems:
             systems = [1]
-        last_us = self._heartbeat_us
-        if systems and (last_us is None or not 0 <= now_us - last_us < HEARTBEAT_US):
+        if systems and not 0 <= now_us - self._heartbeat_us < HEARTBEAT_US:
             self._heartbeat_us = now_us
             message = heartbeat(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)
             for system_id in systems:

@@ -43,14 +43,13 @@ class TcpClient(Transport):
         family, target = transport.resolve(self._endpoint, socket.SOCK_STREAM)
         self._socket = transport.new_socket(family, socket.SOCK_STREAM)
         self._deadline_s = time.monotonic() + CONNECT_TIMEOUT_S
-        status = self._socket.connect_ex(target)
-        if status not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
-            raise OSError(status, os.strerror(status))
+        with contextlib.suppress(BlockingIOError):  # it goes on connecting
+            self._socket.connect(target)
 
     def receive(self, timeout_s: float) -> list[Packet]:
         assert self._socket is not None
         if self._stream is None:
-            self._connect(timeout_s)
+            self._connect(self._socket, timeout_s)
             return []
         _wait([self._socket], timeout_s, writable=bool(self._stream.unsent))
         data = self._stream.receive()
@@ -64,16 +63,15 @@ class TcpClient(Transport):
         super().close()
         self._stream = None
 
-    def _connect(self, timeout_s: float) -> None:
-        assert self._socket is not None
-        if not _wait([self._socket], timeout_s, writable=True):
+    def _connect(self, connecting: socket.socket, timeout_s: float) -> None:
+        if not _wait([connecting], timeout_s, writable=True):
             if time.monotonic() > self._deadline_s:
                 raise ConnectionError("no answer to the connection request")
             return
-        status = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+        status = connecting.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if status:
             raise OSError(status, os.strerror(status))
-        self._stream = _Stream(self._socket)
+        self._stream = _Stream(connecting)
 
 
 class TcpServer(Transport):

@@ -88,13 +88,10 @@ class Udp(Transport):
 
     def _peer(self, sender: Any) -> str:
         """The name of a sender, who is remembered."""
-        name = self._peers.get(sender)
-        if name is None:
-            name = self._peers[sender] = f"{sender[0]}:{sender[1]}"
-            if len(self._peers) > MOST_UDP_PEERS:
-                self._peers.popitem(last=False)
-        else:
-            self._peers.move_to_end(sender)
+        name = self._peers.pop(sender, None) or f"{sender[0]}:{sender[1]}"
+        self._peers[sender] = name  # behind all others
+        if len(self._peers) > MOST_UDP_PEERS:
+            self._peers.popitem(last=False)
         return name
 
 
