@@ -60,10 +60,9 @@ def slots() -> int:
 
 def _limit(file: Path) -> float:
     try:
-        text = file.read_text("ascii").strip()
-    except OSError:
+        return float(file.read_text("ascii"))
+    except (OSError, ValueError):  # it is not there, or "max"
         return inf
-    return float(text) if text.isdigit() else inf
 
 
 SLOTS = slots()

@@ -28,13 +28,12 @@ import numpy as np
 
 from drivers.events import VehicleId
 from drivers.mavlink import constants as mav
-from drivers.samples.navigation import quaternion_from_euler
 from estimator.arrays import Floats
 from estimator.calibration import Calibration
 from estimator.geometry.frames import euler_rad, from_euler_rad
 from estimator.geometry.quaternion import multiply
 from estimator.geometry.rotations import rotate
-from estimator.types import IDENTITY, Quaternion
+from estimator.types import Quaternion
 
 COMPASS = "COMPASS_"
 # What calibrating the first compass has found, in mGauss; all zero: nobody has calibrated it
@@ -119,8 +118,7 @@ class AttitudeView:
     @property
     def trim(self) -> Quaternion:
         """From the vehicle's axes to those of its IMU."""
-        roll, pitch, yaw = (self._values.get(name, 0.0) for name in TRIM)
-        return quaternion_from_euler(roll, pitch, yaw) or IDENTITY
+        return from_euler_rad(*(self._values.get(name, 0.0) for name in TRIM))
 
     def of_imu(self, message: str, shown: Quaternion, ours: Quaternion) -> Quaternion | None:
         """The attitude of the IMU that ``message`` shows; None if it is not known.
@@ -137,11 +135,10 @@ class AttitudeView:
     @property
     def _is_tailsitter(self) -> bool | None:
         """None where neither a parameter nor the type shows."""
-        parameter = self._values.get(IS_TAILSITTER)
-        if parameter is not None:
-            return parameter > 0.0 or self.vehicle_type in TAILSITTERS
         if self.vehicle_type in TAILSITTERS:
             return True
+        if IS_TAILSITTER in self._values:
+            return self._values[IS_TAILSITTER] > 0.0
         return None if self.vehicle_type in VTOLS else False
 
     def _views(self, message: str, shown: Quaternion) -> list[Quaternion]:
@@ -223,24 +220,21 @@ def orientation(turn: Floats, was: Parameters, message: str) -> Orientation | No
     """
     number = NUMBERS.get(message, "")
     name = f"{COMPASS}ORIENT{number}"
-    known: list[tuple[int, str, Floats]] = []  # by right angles: number, name, sensor to body
+    known: list[tuple[Orientation, Floats]] = []  # by right angles, and from sensor to body
     for value, entry in mav.mavlink().enums["MAV_SENSOR_ORIENTATION"].items():
         words = entry.name.removeprefix(ROTATION).split("_")
         angles = dict(zip(words[::2], words[1::2], strict=False))
         if words != ["NONE"] and not all(each.isdigit() for each in words[1::2]):
             continue
         degrees = [int(angles.get(axis, 0)) for axis in ("ROLL", "PITCH", "YAW")]
-        if entry.name.startswith(ROTATION) and not any(each % 90 for each in degrees):
+        if not any(each % 90 for each in degrees):
             q = np.array([from_euler_rad(*map(radians, degrees))] * 3)
-            known.append((value, "_".join(words), rotate(q, np.eye(3)).T.round()))
-    before = {value: R for value, _, R in known}.get(int(was.get(name, 0.0)))
+            named = Orientation(name, value, "_".join(words))
+            known.append((named, rotate(q, np.eye(3)).T.round()))
+    before = {each.value: R for each, R in known}.get(int(was.get(name, 0.0)))
     if before is None:
         return None
-    wanted = turn @ before
-    for value, meaning, R in known:
-        if np.allclose(R, wanted):
-            return Orientation(name, value, meaning)
-    return None
+    return next((each for each, R in known if np.allclose(R, turn @ before)), None)
 
 
 def inertial_parameters(was: Parameters, message: str, found: Calibration) -> dict[str, float]:

@@ -11,7 +11,6 @@ https://mavlink.io/en/guide/message_signing.html.
 import hashlib
 import re
 from collections.abc import Callable
-from functools import cache
 from math import copysign
 from struct import Struct
 from typing import NamedTuple
@@ -28,7 +27,6 @@ SIGNING_EPOCH_US = 1_420_070_400_000_000  # 2015-01-01 00:00 GMT, in Unix time
 SIGNING_TICK_US = 10
 
 _HEADER = Struct("<BBBBBBHB")  # after the marker; the message id has 24 bits
-_CHECKSUM = Struct("<H")
 
 _MG = 1000.0 / STANDARD_GRAVITY_M_S2
 STATUSTEXT_SIZE = 50
@@ -75,7 +73,7 @@ class FrameEncoder:
         body += payload
         self._sequence = (self._sequence + 1) & 0xFF
         checksum = crc16.mcrf4xx(body + bytes((message.crc_extra,)))
-        frame = b"\xfd" + body + _CHECKSUM.pack(checksum)
+        frame = b"\xfd" + body + checksum.to_bytes(2, "little")
         if self._key is None:
             return frame
         frame += bytes((self._link_id,)) + self._stamp(unix_us).to_bytes(6, "little")
@@ -88,16 +86,10 @@ class FrameEncoder:
         return self._signing_ticks
 
 
-@cache
-def _definition(number: int) -> tuple[int, Callable[..., bytes]]:
-    """CRC_EXTRA of a message, and what packs its fields in the order of the wire."""
-    kind = mavlink().mavlink_map[number]
-    return kind.crc_extra, kind.unpacker.pack
-
-
 def _message(number: int, *fields: float | bytes) -> Message:
-    crc_extra, pack = _definition(number)
-    return Message(number, crc_extra, pack(*fields))
+    """The message of those fields, in the order of the wire."""
+    kind = mavlink().mavlink_map[number]
+    return Message(number, kind.crc_extra, kind.unpacker.pack(*fields))
 
 
 def heartbeat(vehicle_type: int, autopilot: int, state: int = mav.MAV_STATE_ACTIVE) -> Message:
@@ -144,10 +136,8 @@ def sim_state(
     velocity_ned_m_s: Vec3 = ZERO_VEC3,
 ) -> Message:
     """SIM_STATE: true attitude, specific force and rate, place (deg, deg, m) and velocity."""
-    latitude_deg, longitude_deg, altitude_m = place
-    degrees_1e7 = (round(latitude_deg * 1e7), round(longitude_deg * 1e7))
-    motion = (*q_ned_frd, *euler_rad, *acc_m_s2, *rate_rad_s)
-    where = (latitude_deg, longitude_deg, altitude_m, 0.0, 0.0)
+    degrees_1e7 = [round(degrees * 1e7) for degrees in place[:2]]
+    motion, where = (*q_ned_frd, *euler_rad, *acc_m_s2, *rate_rad_s), (*place, 0.0, 0.0)
     return _message(mav.SIM_STATE_ID, *motion, *where, *velocity_ned_m_s, *degrees_1e7)
 
 

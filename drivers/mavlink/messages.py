@@ -255,13 +255,9 @@ def _position(m: Any) -> Vec3:
 def _filter_status(
     velocity_ratio: str, compass_ratio: str, intake: Intake, message: Received
 ) -> list[Event]:
+    """Its flags, and two test ratios, whatever their names."""
     ratios = (getattr(message.fields, name) for name in (velocity_ratio, compass_ratio))
     return intake.filter_status(message.arrival_us, message.fields.flags, *ratios)
-
-
-# test ratios, whatever their names
-_ekf_status = partial(_filter_status, "velocity_variance", "compass_variance")
-_estimator_status = partial(_filter_status, "vel_ratio", "mag_ratio")
 
 
 def _kind(
@@ -283,7 +279,9 @@ MESSAGES: dict[int, MessageKind] = {
         _kind("GLOBAL_POSITION_INT", _global_position),
         _kind("LOCAL_POSITION_NED", _local_position),
         _kind("GPS_RAW_INT", _gps_raw),
-        _kind("EKF_STATUS_REPORT", _ekf_status),
-        _kind("ESTIMATOR_STATUS", _estimator_status),
+        _kind(
+            "EKF_STATUS_REPORT", partial(_filter_status, "velocity_variance", "compass_variance")
+        ),
+        _kind("ESTIMATOR_STATUS", partial(_filter_status, "vel_ratio", "mag_ratio")),
     )
 }
