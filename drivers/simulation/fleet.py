@@ -8,6 +8,7 @@ so that hundreds of vehicles do not send in one burst.
 import heapq
 import time
 from collections.abc import Callable
+from math import inf
 
 from drivers.events import LinkUp
 from drivers.mavlink.connection import Connection
@@ -97,16 +98,11 @@ def run_vehicles(
 
     A link that breaks is made again; the vehicles' time goes on meanwhile.
     """
-    start_s = time.monotonic()
+    start_s, end_us = time.monotonic(), inf if seconds is None else seconds * 1e6
     try:
-        while not stopped():
-            now_us = 1e6 * (time.monotonic() - start_s)
-            if seconds is not None and now_us >= seconds * 1e6:
-                return
+        while not stopped() and (now_us := 1e6 * (time.monotonic() - start_s)) < end_us:
             fleet.send_due(now_us, unix_us(), connection.send)
-            wait_us = fleet.due_us - 1e6 * (time.monotonic() - start_s)
-            if seconds is not None:
-                wait_us = min(wait_us, seconds * 1e6 - now_us)
+            wait_us = min(fleet.due_us, end_us) - 1e6 * (time.monotonic() - start_s)
             for packet in connection.receive(min(RECEIVE_S, max(0.0, wait_us * 1e-6))):
                 fleet.receive(packet.peer, packet.data, unix_us(), connection.send)
             came_up = any(isinstance(event, LinkUp) for event in connection.take_events())

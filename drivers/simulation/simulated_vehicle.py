@@ -160,7 +160,15 @@ class SimulatedVehicle:
         calm: bool = False,
         errors_seed: int | None = None,
     ) -> None:
-        _check(rate_hz, motion, noise, bias, magnet)
+        if not (isfinite(rate_hz) and rate_hz > 0):
+            raise InputError(f"the simulated vehicle's rate must be positive, not {rate_hz} Hz")
+        if motion not in MOTIONS:
+            raise InputError(f"unknown motion {motion!r}: choose {', '.join(MOTIONS)}")
+        for name, value in (("noise", noise), ("bias", bias)):
+            if not (isfinite(value) and value >= 0):
+                raise InputError(f"the scale of the {name} must be 0 or more, not {value}")
+        if magnet is not None and not (isfinite(sum(magnet)) and 0 <= magnet[0] < magnet[1]):
+            raise InputError(f"the magnet must pass from T0 to a later T1 (s), not {magnet}")
         self.motion = motion
         self._bias = bias * (REAL_BIAS if motion in REAL else PAPER_BIAS)
         self._noise = noise * (REAL_NOISE if motion in REAL else PAPER_NOISE)
@@ -243,20 +251,6 @@ def true_rate(motion: Motion, time_s: Floats) -> Floats:
         )
         rate = swell[:, None] * ways * BENCH_RATE_RAD_S
     return rate
-
-
-def _check(
-    rate_hz: float, motion: str, noise: float, bias: float, magnet: tuple[float, float] | None
-) -> None:
-    if not (isfinite(rate_hz) and rate_hz > 0):
-        raise InputError(f"the simulated vehicle's rate must be positive, not {rate_hz} Hz")
-    if motion not in MOTIONS:
-        raise InputError(f"unknown motion {motion!r}: choose {', '.join(MOTIONS)}")
-    for name, value in (("noise", noise), ("bias", bias)):
-        if not (isfinite(value) and value >= 0):
-            raise InputError(f"the scale of the {name} must be 0 or more, not {value}")
-    if magnet is not None and not (isfinite(sum(magnet)) and 0 <= magnet[0] < magnet[1]):
-        raise InputError(f"the magnet must pass from T0 to a later T1 (s), not {magnet}")
 
 
 def _generator(seed: int) -> np.random.Generator:
