@@ -101,10 +101,8 @@ class Bag(LogFile):
             self._files()
         ros1 = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
         ros2 = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
-        suffix, is_file = self.path.suffix.lower(), self.path.is_file()
-        kind: Any = rosbag1.Reader if suffix == ".bag" and is_file else rosbag2.Reader
-        if suffix == ".mcap" and is_file:
-            kind = McapChannels
+        kinds: dict[str, Any] = {".bag": rosbag1.Reader, ".mcap": McapChannels}
+        kind = kinds.get(self.path.suffix.lower() if self.path.is_file() else "", rosbag2.Reader)
         try:
             reader = kind(BoundedPath(self.path))
             reader.open()
@@ -206,7 +204,6 @@ def _words(error: Exception) -> str:
 def _message_events(
     vehicle: LoggedVehicle, topics: _Topics, connection: Any, message: Any
 ) -> list[Event]:
-    """The events of a message."""
     if connection.msgtype == FIELD:
         x, y, z = flu_from_frd(_vector(message.magnetic_field))
         return vehicle.put_mag((TESLA * x, TESLA * y, TESLA * z))

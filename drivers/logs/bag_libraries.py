@@ -111,22 +111,10 @@ def bound_libraries() -> None:
     mcap.get_chunk_data_stream = unpack_bounded
     ros1.decompressors.update({name: partial(unpacked, name) for name in ("bz2", "lz4")})
     storage_mcap.DECOMPRESSORS.update({name: partial(unpacked, name) for name in ("zstd", "lz4")})
-    file = _unpacking(two.zstd.ZstdFile)
-    two.zstd = SimpleNamespace(decompress=partial(unpacked, "zstd"), open=file)
 
-    def bound(connection: Any) -> None:
-        connection.limit(apsw.SQLITE_LIMIT_LENGTH, LARGEST)
-        for table in ("messages", "topics"):
-            if connection.execute(WORKED_OUT, (table,)).fetchone()[0]:
-                raise ValueError(f"its {table} have columns that are worked out")
+    class Unpacking(two.zstd.ZstdFile):  # type: ignore[misc]
+        """Unpacked whole into the folder for temporary ones: others need room there."""
 
-    apsw.connection_hooks.append(bound)
-
-
-def _unpacking(kind: Any) -> Any:
-    """Such a file, unpacked whole into the folder for temporary ones: others need room there."""
-
-    class Unpacking(kind):  # type: ignore[misc]
         def __init__(self, *what: Any) -> None:
             super().__init__(*what)
             self.left = shutil.disk_usage(tempfile.gettempdir()).free // 2
@@ -138,7 +126,15 @@ def _unpacking(kind: Any) -> Any:
                 raise ValueError(f"unpacked it would fill {tempfile.gettempdir()}")
             return data
 
-    return Unpacking
+    two.zstd = SimpleNamespace(decompress=partial(unpacked, "zstd"), open=Unpacking)
+
+    def bound(connection: Any) -> None:
+        connection.limit(apsw.SQLITE_LIMIT_LENGTH, LARGEST)
+        for table in ("messages", "topics"):
+            if connection.execute(WORKED_OUT, (table,)).fetchone()[0]:
+                raise ValueError(f"its {table} have columns that are worked out")
+
+    apsw.connection_hooks.append(bound)
 
 
 def from_json(data: bytes, _kind: str) -> Any:
@@ -184,15 +180,15 @@ class McapChannels:
 
     def _look(self) -> list[tuple[Any, Any, int]]:
         """The channels with their schemas and how many messages they have."""
-        from mcap.reader import NonSeekingReader, SeekingReader
+        from mcap.reader import SeekingReader
 
-        self._kind: Any = SeekingReader
+        self._has_index = True
         with suppress(Exception):  # a file that its writer did not finish has no summary
             summary: Any = SeekingReader(self._file).get_summary()
             counts, schemas = summary.statistics.channel_message_counts, summary.schemas
             channels = summary.channels.items()
             return [(c, schemas.get(c.schema_id), counts.get(key, 0)) for key, c in channels]
-        self._kind = NonSeekingReader
+        self._has_index = False
         seen: dict[int, tuple[Any, Any, int]] = {}
         try:
             for schema, channel, _ in self._messages():
@@ -214,13 +210,12 @@ class McapChannels:
         self._file.close()
 
     def _messages(self) -> Iterator[Any]:
-        from mcap.reader import SeekingReader
+        from mcap.reader import NonSeekingReader, SeekingReader
 
         self._file.seek(0)
+        kind: Any = SeekingReader if self._has_index else NonSeekingReader
         # to sort a file without an index would take all of it into memory
-        is_sorted = self._kind is SeekingReader
-        found: Iterator[Any] = self._kind(self._file).iter_messages(log_time_order=is_sorted)
-        return found
+        yield from kind(self._file).iter_messages(log_time_order=self._has_index)
 
 
 def _channel(channel: Any, schema: Any, count: int) -> Channel:

@@ -108,7 +108,6 @@ CIRCUIT = re.compile(r"^[A-Za-z]{2,}\d\w*[\W_]+")
 
 
 def _sensor(words: str, units: Mapping[str, float]) -> Kind:
-    """A sensor of those names."""
     spelt = "|".join(sorted(units, key=len, reverse=True))
     long = "|".join(word for word in words.split("|") if len(word) > 1)  # "x (g)" is no rate
     before, behind, unit = f"(?:{long})", rf"(?:{words})\d?{MADE}", f"(?:in)?({spelt})?"

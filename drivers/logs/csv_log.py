@@ -6,21 +6,18 @@ from datetime import datetime
 from itertools import chain, islice
 from math import isnan, nan
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from drivers.events import COMPASS_CALIBRATED, Event, Parameter
 from drivers.logs.csv_columns import columns, description
 from drivers.logs.csv_text import HEAD_SIZE, as_number, csv_rows, csv_text
 from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import UNREADABLE, LoggedVehicle
-from drivers.samples.navigation import Fix
+from drivers.samples.navigation import Fix, Source
 from estimator.errors import InputError
 
 STREAM = "CSV"
-ATTITUDES: tuple[tuple[str, Literal["sim", "autopilot"]], ...] = (
-    ("truth", "sim"),
-    ("autopilot", "autopilot"),
-)
+ATTITUDES: dict[str, Source] = {"truth": "sim", "autopilot": "autopilot"}
 RECEIVER = "GPS"
 NO_NUMBERS = (nan, nan, nan)
 
@@ -78,7 +75,7 @@ class CsvLog(LogFile):
         gyr, acc = read.get("gyroscope"), read.get("accelerometer")
         if (gyr and acc) or (is_whole and (gyr or acc)):  # half an IMU is refused, and counted
             yield from vehicle.imu(STREAM, gyr or NO_NUMBERS, acc or NO_NUMBERS)
-        for name, source in ATTITUDES:
+        for name, source in ATTITUDES.items():
             if name in read:
                 is_enu_flu = name in self._columns.enu_flu
                 yield from vehicle.attitude(name, source, read[name], is_enu_flu=is_enu_flu)

@@ -19,6 +19,7 @@ from drivers.logs.log_file import READ_SIZE, OnRead
 from estimator.errors import InputError
 
 HEAD_SIZE = 65_536  # bytes that show how a table is written
+UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 DELIMITERS = (",", ";", "\t", "|", " ")
 HEADING_LINES = 3  # sensors, axes and units may have a line each
 LEAST_NUMBERS = 6  # three rates, three accelerations; a time may be in words
@@ -47,7 +48,7 @@ class CsvText(NamedTuple):
 def csv_text(head: bytes) -> CsvText | None:
     """How the table that begins with ``head`` is written; None if it is no table of numbers."""
     encoding = "utf-8-sig"
-    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+    if head.startswith(UTF_16):
         encoding = "utf-16"
     else:
         try:  # the last character may be cut

@@ -143,10 +143,6 @@ def _gps(vehicle: LoggedVehicle, row: Row) -> list[Event]:
 
 def _notes(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
     """What the log notes about the vehicle and its flight."""
-    if name == "EV":
-        if row["Id"] not in (ARMED_EVENT, DISARMED_EVENT):
-            return []
-        vehicle.at(*_time_us(name, row))
     about = vehicle.id, vehicle.arrival_us
     match name:
         case "PARM":
@@ -157,8 +153,11 @@ def _notes(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
             return [Heartbeat(*about, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, each) for each in types]
         case "ARM":
             return [ModeChange(*about, bool(row["ArmState"]))]
+        case "EV" if row["Id"] not in (ARMED_EVENT, DISARMED_EVENT):
+            return []
         case "EV":
-            return [ModeChange(*about, row["Id"] == ARMED_EVENT)]
+            vehicle.at(*_time_us(name, row))
+            return [ModeChange(vehicle.id, vehicle.arrival_us, row["Id"] == ARMED_EVENT)]
         case _:
             mode = row["ModeNum"] if "ModeNum" in row else row["Mode"]
             return [ModeChange(*about, custom_mode=int(mode))]
@@ -172,9 +171,7 @@ NAMES |= {"XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4"}
 
 def _unix_us(row: Row) -> int | None:
     """Unix time minus time since boot; None if the receiver did not know the week yet."""
-    is_modern = "GWk" in row
-    week = row["GWk"] if is_modern else row["Week"]
-    week_ms = row["GMS"] if is_modern else row["TimeMS"]
+    week, week_ms = (row["GWk"], row["GMS"]) if "GWk" in row else (row["Week"], row["TimeMS"])
     if week <= 0:
         return None
     if week > LAST_WEEK:

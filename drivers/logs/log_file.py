@@ -137,14 +137,12 @@ def windowed(path: Path, on_read: OnRead | None = None) -> Iterator[Window]:
     """The file from its start, in pieces.
 
     Raises:
-        InputError: the file is empty or cannot be read.
+        InputError: the file cannot be read.
     """
     try:
         with path.open("rb", buffering=0) as file:
             window = Window(file, on_read)
             window.move(0)
-            if not window.data:
-                raise InputError(f"{path}: the file is empty")
             yield window
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None

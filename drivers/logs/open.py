@@ -1,6 +1,5 @@
 """Opens a log by what it is: the content decides, not the name."""
 
-import codecs
 import re
 import stat
 from collections.abc import Iterator
@@ -11,7 +10,7 @@ from drivers.endpoint import FORMS, TABLES, is_bag_folder
 from drivers.events import BuiltIn, Event, Imu
 from drivers.logs.bag import SUFFIXES as BAG_SUFFIXES
 from drivers.logs.bag import Bag
-from drivers.logs.csv_text import HEAD_SIZE, csv_text
+from drivers.logs.csv_text import HEAD_SIZE, UTF_16, csv_text
 from drivers.logs.log_file import LogFile
 from drivers.logs.tlog import Tlog
 from drivers.logs.ulog_format import MAGIC as ULOG_MAGIC
@@ -24,7 +23,6 @@ DATAFLASH_FORMAT = re.compile(rb"\xa3\x95\x80")  # head of a FMT message, which 
 DATAFLASH_TEXT = re.compile(rb"^FMT, ?\d+, ?\d+, ?", re.MULTILINE)
 COMPRESSED = (b"\x1f\x8b", b"PK\x03\x04", b"7z\xbc\xaf", b"\xfd7zXZ", b"BZh", b"\x28\xb5\x2f\xfd")
 BAG_MAGIC = (b"\x89MCAP0\r\n", b"SQLite format 3\0", b"#ROSBAG V")
-UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 BEGINNING_SAMPLES = 300
 
 

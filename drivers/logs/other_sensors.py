@@ -14,7 +14,7 @@ import numpy as np
 from drivers.events import VehicleId
 from drivers.logs.log_file import LogFile
 from drivers.mavlink import constants as mav
-from drivers.mavlink.messages import IMU_MESSAGES, MILLI
+from drivers.mavlink.messages import CENTI, IMU_MESSAGES, MILLI
 from estimator.arrays import Floats, Times
 from estimator.types import Vec3
 
@@ -23,7 +23,6 @@ VECTORS = {imu.name: imu.vectors for imu in IMU_MESSAGES.values()}
 COMPASSES = {"RAW_IMU": 0, "SCALED_IMU": 0, "SCALED_IMU2": 1, "SCALED_IMU3": 2}
 COMPASSES |= {"MAG": 0, "MAG2": 1, "MAG3": 2}
 
-CENTIAMPERE = 1e-2
 UNKNOWN = -1
 # The first that there is counts; CURR is DataFlash's before 2017
 CURRENT_SOURCES = ("SYS_STATUS", "BATTERY_STATUS", "BAT", "CURR")
@@ -79,7 +78,7 @@ def currents(log: LogFile, system_id: int) -> list[tuple[int, float]]:
     found: defaultdict[str, list[tuple[int, float]]] = defaultdict(list)
     for name, arrival_us, m in _of(log, system_id, CURRENT_SOURCES):
         is_telemetry = hasattr(m, "current_battery")
-        ampere = CENTIAMPERE * m.current_battery if is_telemetry else float(m.Curr)
+        ampere = CENTI * m.current_battery if is_telemetry else float(m.Curr)
         is_known = not is_telemetry or m.current_battery != UNKNOWN
         numbers = (getattr(m, each, 0) for each in ("id", "Instance", "Inst"))
         if is_known and isfinite(ampere) and not any(numbers):

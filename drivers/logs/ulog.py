@@ -163,9 +163,7 @@ def _look_over(log: UlogReader) -> _Overview:
     begins_us: dict[str, int] = {}
     unix_us: dict[str, int] = {}
     times_us: list[int] = []
-    for row in log.rows():
-        if row is None:
-            continue
+    for row in filter(None, log.rows()):
         begins_us.setdefault(row.topic, row.time_us)
         if row.topic in GPS_TOPICS and row.topic not in unix_us:
             utc_us = row.row.get("time_utc_usec", 0)
@@ -176,8 +174,8 @@ def _look_over(log: UlogReader) -> _Overview:
         elif begins_us.keys() >= FIRST_TOPICS and GPS_TOPICS[0] in unix_us:
             break
     others = {name for each in CHOICES for name in [t for t in each if t in begins_us][1:]}
-    topics = [name for name in log.tables if name in begins_us.keys() - others]
-    topics.sort(key=lambda name: name in IMU_TOPICS)
+    read = (name for name in log.tables if name in begins_us.keys() - others)
+    topics = sorted(read, key=lambda name: name in IMU_TOPICS)
     begin_us = min((us for name, us in begins_us.items() if name in topics), default=0)
     middle_us = sorted(times_us)[len(times_us) // 2] if times_us else 0
     clocks = [us for name, us in unix_us.items() if name in topics]
