@@ -17,7 +17,7 @@ from typing import Any
 from drivers.events import Event, Malformed
 from drivers.logs.bag_libraries import BoundedPath, McapChannels, bound_libraries, from_json
 from drivers.logs.log_file import LATEST_US, LogFile
-from drivers.logs.logged_vehicle import ONE_VEHICLE, LoggedVehicle
+from drivers.logs.logged_vehicle import ONE_VEHICLE, RECEIVER, LoggedVehicle
 from drivers.samples.navigation import Fix, unit_or_none
 from estimator.errors import InputError, missing_extra
 from estimator.geometry.frames import flu_from_frd
@@ -25,7 +25,6 @@ from estimator.types import IDENTITY, Vec3
 
 SUFFIXES = (".mcap", ".db3", ".bag")
 IMU, FIELD, FIX = (f"sensor_msgs/msg/{name}" for name in ("Imu", "MagneticField", "NavSatFix"))
-RECEIVER = "GPS"
 TESLA = 1e4  # gauss
 MOST_TOPICS = 8  # in a line
 MOST_METADATA = 1 << 21  # bytes, which take 20 s; some 8,000 files have as much
@@ -59,11 +58,8 @@ class Bag(LogFile):
         """The SHA-256 of the file, or of the folder's files one after the other."""
         if not self.path.is_dir():
             return super().sha256()
-        digest = hashlib.sha256()
-        for each in self._files():
-            with each.open("rb") as file:
-                digest.update(hashlib.file_digest(file, "sha256").digest())
-        return digest.hexdigest()
+        digests = (bytes.fromhex(Bag(each).sha256()) for each in self._files())
+        return hashlib.sha256(b"".join(digests)).hexdigest()
 
     def _files(self) -> list[Path]:
         """The folder's files; it may hold other folders, but nothing else."""
@@ -176,15 +172,14 @@ def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
         for connection, recorded_ns, data in reader.messages(topics.connections):
             try:
                 message = decode(connection, data)
-                time_ns = _stamp_ns(message) or recorded_ns
-                if abs(time_ns) >= 1000 * LATEST_US:
-                    raise ValueError(f"stamped {time_ns} ns")  # noqa: TRY301 - as the library would
+                time_us = (_stamp_ns(message) or recorded_ns) // 1000
+                if abs(time_us) >= LATEST_US:
+                    raise ValueError(f"stamped {time_us} us")  # noqa: TRY301 - as the library would
                 if vehicle is None:
                     vehicle = LoggedVehicle(
-                        begin_us=time_ns // 1000, checks_axes=True, has_arrivals=has_arrivals
+                        begin_us=time_us, checks_axes=True, has_arrivals=has_arrivals
                     )
-                arrival_us = recorded_ns // 1000 if has_arrivals else None
-                vehicle.at(time_ns // 1000, arrival_us=arrival_us)
+                vehicle.at(time_us, arrival_us=recorded_ns // 1000 if has_arrivals else None)
                 events = _message_events(vehicle, topics, connection, message)
             except Exception:  # noqa: BLE001 - as below
                 events = [Malformed(0, 1)]

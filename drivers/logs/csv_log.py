@@ -12,13 +12,12 @@ from drivers.events import COMPASS_CALIBRATED, Event, Parameter
 from drivers.logs.csv_columns import columns, description
 from drivers.logs.csv_text import HEAD_SIZE, as_number, csv_rows, csv_text
 from drivers.logs.log_file import LATEST_US, LogFile
-from drivers.logs.logged_vehicle import UNREADABLE, LoggedVehicle
+from drivers.logs.logged_vehicle import RECEIVER, UNREADABLE, LoggedVehicle
 from drivers.samples.navigation import Fix, Source
 from estimator.errors import InputError
 
 STREAM = "CSV"
 ATTITUDES: dict[str, Source] = {"truth": "sim", "autopilot": "autopilot"}
-RECEIVER = "GPS"
 NO_NUMBERS = (nan, nan, nan)
 
 

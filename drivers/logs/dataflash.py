@@ -101,6 +101,7 @@ def _events(vehicle: LoggedVehicle, message: tuple[str, Row]) -> list[Event]:
         vehicle.at(*_time_us(name, row))
     if name != "IMU" and any(int(row.get(each, 0)) for each in ("I", "C")):
         return []
+    about = vehicle.id, vehicle.arrival_us
     match name:
         case "IMU" | "IMU2" | "IMU3":
             instance = int(row.get("I", 0))  # newer logs number them from 0 in a field
@@ -118,9 +119,24 @@ def _events(vehicle: LoggedVehicle, message: tuple[str, Row]) -> list[Event]:
             return vehicle.filter_status(row["SS"], row["SV"], row.get("SM", 0.0))
         case "GPS":
             return _gps(vehicle, row)
+        case "PARM":
+            return [Parameter(*about, row["Name"], float(row["Value"]))]
+        case "MSG":
+            first = str(row["Message"]).partition(" ")[0]
+            types = [VEHICLE_TYPES[first]] if first in VEHICLE_TYPES else []
+            return [Heartbeat(*about, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, each) for each in types]
+        case "ARM":
+            return [ModeChange(*about, bool(row["ArmState"]))]
+        case "EV" if row["Id"] not in (ARMED_EVENT, DISARMED_EVENT):
+            return []
+        case "EV":
+            vehicle.at(*_time_us(name, row))
+            return [ModeChange(vehicle.id, vehicle.arrival_us, row["Id"] == ARMED_EVENT)]
+        case "MODE":
+            mode = row["ModeNum"] if "ModeNum" in row else row["Mode"]
+            return [ModeChange(*about, custom_mode=int(mode))]
         case _:
-            events = _attitude if name in ATTITUDES else _notes
-            return events(vehicle, name, row)
+            return _attitude(vehicle, name, row)
 
 
 def _attitude(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
@@ -141,32 +157,9 @@ def _gps(vehicle: LoggedVehicle, row: Row) -> list[Event]:
     return vehicle.fix("GPS", fix)
 
 
-def _notes(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
-    """What the log notes about the vehicle and its flight."""
-    about = vehicle.id, vehicle.arrival_us
-    match name:
-        case "PARM":
-            return [Parameter(*about, row["Name"], float(row["Value"]))]
-        case "MSG":
-            first = str(row["Message"]).partition(" ")[0]
-            types = [VEHICLE_TYPES[first]] if first in VEHICLE_TYPES else []
-            return [Heartbeat(*about, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, each) for each in types]
-        case "ARM":
-            return [ModeChange(*about, bool(row["ArmState"]))]
-        case "EV" if row["Id"] not in (ARMED_EVENT, DISARMED_EVENT):
-            return []
-        case "EV":
-            vehicle.at(*_time_us(name, row))
-            return [ModeChange(vehicle.id, vehicle.arrival_us, row["Id"] == ARMED_EVENT)]
-        case _:
-            mode = row["ModeNum"] if "ModeNum" in row else row["Mode"]
-            return [ModeChange(*about, custom_mode=int(mode))]
-
-
-ATTITUDES = frozenset(("ATT", "XKQ", "NKQ", "NKQ1", "SIM"))
 UNTIMED = frozenset(("PARM", "MSG", "EV"))  # their times are looked at where they matter
-NAMES = {"IMU", "IMU2", "IMU3", "MAG", "GPS", "ARM", "MODE"} | ATTITUDES | UNTIMED
-NAMES |= {"XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4"}
+NAMES = {"IMU", "IMU2", "IMU3", "MAG", "GPS", "ARM", "MODE", "ATT", "XKQ", "NKQ", "NKQ1", "SIM"}
+NAMES |= {"XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4"} | UNTIMED
 
 
 def _unix_us(row: Row) -> int | None:

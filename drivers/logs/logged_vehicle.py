@@ -21,6 +21,7 @@ R = TypeVar("R")
 
 UNREADABLE = LookupError, TypeError, ValueError, OverflowError  # of rows
 ONE_VEHICLE = VehicleId(1, 1)  # of a log that does not name it
+RECEIVER = "GPS"  # the same of its satellite receiver
 LONGEST_HOLE_US = 600 * 1_000_000  # a longer hole in a log is taken for a leap of its clock
 FIRST_DATE_US = 946_684_800_000_000  # the year 2000: smaller times count from somewhere else
 STALE_US = 200_000  # an older field that was logged beside no longer belongs to the sample after it

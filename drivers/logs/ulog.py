@@ -93,10 +93,24 @@ def _events(vehicle: LoggedVehicle, found: Found) -> list[Event]:
         case "vehicle_status":
             is_armed = row["arming_state"] == ARMING_STATE_ARMED
             return [ModeChange(vehicle.id, vehicle.arrival_us, is_armed)]
+        case "estimator_selector_status":  # the first filter's status counts while it is in use
+            vehicle.uses_first_filter = row["primary_instance"] == 0
+            if not vehicle.uses_first_filter:
+                vehicle.intake.navigation.forget()
+        case "estimator_status":
+            if vehicle.uses_first_filter and "solution_status_flags" in row:
+                return vehicle.filter_status(row["solution_status_flags"], row["vel_test_ratio"])
+        case "vehicle_local_position":
+            # a reckoning from the same IMU shows nothing of that
+            if row["v_xy_valid"] and not row.get("dead_reckoning"):
+                has_vertical = bool(row["v_z_valid"])
+                velocity = (row["vx"], row["vy"], row["vz"] if has_vertical else 0.0)
+                return vehicle.fix(topic, Fix(velocity, has_vertical=has_vertical))
         case _ if topic == DAMAGE:
             return [vehicle.malformed()]
-        case _:
-            return _aiding_events(vehicle, topic, row)
+        case _ if row["fix_type"] >= GPS_FIX_TYPE_3D_FIX:
+            return _receiver_fix(vehicle, topic, row)
+    return []
 
 
 def _vehicle_imu(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
@@ -108,33 +122,14 @@ def _vehicle_imu(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
     return vehicle.imu(topic, (roll, pitch, yaw), (x, y, z))
 
 
-def _aiding_events(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
-    """What a receiver has measured, and what the vehicle's own filter reports.
-
-    Of several filters the first one's status counts while that one is in use.
-    """
-    if topic == "estimator_selector_status":
-        vehicle.uses_first_filter = row["primary_instance"] == 0
-        if not vehicle.uses_first_filter:
-            vehicle.intake.navigation.forget()
-    elif topic == "estimator_status":
-        if vehicle.uses_first_filter and "solution_status_flags" in row:
-            return vehicle.filter_status(row["solution_status_flags"], row["vel_test_ratio"])
-    elif topic == "vehicle_local_position":
-        # a reckoning from the same IMU shows nothing of that
-        if row["v_xy_valid"] and not row.get("dead_reckoning"):
-            has_vertical = bool(row["v_z_valid"])
-            velocity = (row["vx"], row["vy"], row["vz"] if has_vertical else 0.0)
-            return vehicle.fix(topic, Fix(velocity, has_vertical=has_vertical))
-    elif row["fix_type"] >= GPS_FIX_TYPE_3D_FIX:
-        velocity = (row["vel_n_m_s"], row["vel_e_m_s"], row["vel_d_m_s"])
-        sigma_m_s = row.get("s_variance_m_s") or None  # zero where it is unknown
-        if "latitude_deg" in row:
-            position = row["latitude_deg"], row["longitude_deg"], row["altitude_msl_m"]
-        else:  # until 2023
-            position = row["lat"] * 1e-7, row["lon"] * 1e-7, row["alt"] * 1e-3
-        return vehicle.fix(topic, Fix(velocity, sigma_m_s=sigma_m_s, position=position))
-    return []
+def _receiver_fix(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
+    velocity = (row["vel_n_m_s"], row["vel_e_m_s"], row["vel_d_m_s"])
+    sigma_m_s = row.get("s_variance_m_s") or None  # zero where it is unknown
+    if "latitude_deg" in row:
+        position = row["latitude_deg"], row["longitude_deg"], row["altitude_msl_m"]
+    else:  # until 2023
+        position = row["lat"] * 1e-7, row["lon"] * 1e-7, row["alt"] * 1e-3
+    return vehicle.fix(topic, Fix(velocity, sigma_m_s=sigma_m_s, position=position))
 
 
 GPS = (
