@@ -256,8 +256,7 @@ def inertial_parameters(was: Parameters, message: str, found: Calibration) -> di
     if any(found.acc_bias_m_s2) or (scales != 1.0).any():
         before = _values(was, f"{acc}SCAL", 1.0)
         before = np.where(before == 0.0, 1.0, before)
-        changed[f"{acc}OFFS"] = (
-            _values(was, f"{acc}OFFS", 0.0) + np.array(found.acc_bias_m_s2) / before
-        )
+        offset = np.array(found.acc_bias_m_s2) / before
+        changed[f"{acc}OFFS"] = _values(was, f"{acc}OFFS", 0.0) + offset
         changed[f"{acc}SCAL"] = scales * before
     return _named(changed)

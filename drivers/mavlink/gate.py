@@ -302,8 +302,7 @@ class _Counters:
         A copy of an earlier frame, by another way, is none, nor is a late frame.
         """
         self.frames += 1
-        before = self.seen.get(number)
-        if before is not None and before[1] == data:
+        if number in self.seen and self.seen[number][1] == data:
             return False
         is_repeated = self._has_seen(number, NEAR)
         self.seen[number] = self.frames, data

@@ -48,8 +48,7 @@ class FrameQueue:
     """
 
     def __init__(self, most_waiting: int) -> None:
-        self.dropped = 0
-        self.shed = 0
+        self.dropped = self.shed = 0
         self._most_waiting = most_waiting
         self._frames: deque[Arrived] = deque()
         self._unreported: Counter[tuple[VehicleId, str]] = Counter()
@@ -157,11 +156,6 @@ class MavlinkLink(Closing):
     def lost(self) -> int:
         """Datagrams that the system threw away, as of the last look for them."""
         return self._connection.lost
-
-    @property
-    def address(self) -> str:
-        """The address in use (with the real port, where 0 was bound)."""
-        return self._connection.address
 
     def __enter__(self) -> Self:
         self._connection.open()

@@ -14,7 +14,7 @@ from drivers.samples.navigation import Fix, velocity_sample
 from drivers.simulation import autopilot
 from drivers.simulation.autopilot import PARAMETERS, Schedule, velocity_reported
 from drivers.simulation.flight import geodetic
-from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
+from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.types import ImuSample
 
 
@@ -60,7 +60,8 @@ class SimSource(Player, Closing):
                 yield events.Heartbeat(*about, *kind)
                 yield events.BuiltIn(*about, motion)
                 yield from (events.Parameter(*about, name, value) for name, value in PARAMETERS)
-            yield events.Imu(*about, time_us, "RAW_IMU", imu_sample(sample))
+            measured = ImuSample(*sample[:4], has_mag=True)
+            yield events.Imu(*about, time_us, "RAW_IMU", measured)
             yield events.ReferenceAttitude(*about, time_us, "sim", "SIM_STATE", sample.q_ned_frd)
             if self._vehicle.knows_place and self._place.is_due(time_us):
                 name = "GLOBAL_POSITION_INT"
@@ -68,8 +69,3 @@ class SimSource(Player, Closing):
                 yield events.Position(*about, time_us, name, *geodetic(sample.position_ned_m))
                 if (velocity := velocity_sample(name, fix, time_us)) is not None:
                     yield events.Velocity(*about, name, velocity)
-
-
-def imu_sample(sample: Sample) -> ImuSample:
-    """The measured part of a simulated sample."""
-    return ImuSample(*sample[:4], has_mag=True)

@@ -10,9 +10,9 @@ from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
-from drivers.simulation.source import imu_sample
 from estimator.geometry.quaternion import conjugate, multiply, rotate_inverse
 from estimator.profile import load_profile
+from estimator.types import ImuSample
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Message, Published, StatusRecord
 from service.vehicle_status import Load, status_record
@@ -32,7 +32,7 @@ def imu_events(
     source = source or SimulatedVehicle(seed=seed)
     events: list[Event] = []
     for _ in range(count):
-        sample = imu_sample(next(source))
+        sample = ImuSample(*next(source)[:4], has_mag=True)
         arrival_us = start_us + sample.time_us + UNDER_WAY_US
         events.append(Imu(vehicle, arrival_us, sample.time_us, message, sample))
     return events

@@ -30,10 +30,6 @@ class Vehicle:
         return self._frames.frame(heartbeat(2, 3), 0)
 
 
-def port_of(link):
-    return int(link.address.rpartition(":")[2])
-
-
 def collect(link, enough, provoke=lambda: None):
     """Events until ``enough(events)``, calling ``provoke`` at every turn."""
     events, deadline = [], time.monotonic() + PATIENCE_S

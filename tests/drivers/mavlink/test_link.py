@@ -24,7 +24,6 @@ from tests.drivers.mavlink.links import (
     accept,
     collect,
     count,
-    port_of,
     tcp_link,
     udp_link,
     udp_sender,
@@ -40,7 +39,7 @@ def first_frame(receiver, system_id):
 
 
 def test_udpin_takes_several_senders_and_answers_all():
-    with udp_link(request_rate_hz=50.0) as (link, a), udp_sender(port_of(link)) as b:
+    with udp_link(request_rate_hz=50.0) as (link, a), udp_sender(a.getpeername()[1]) as b:
         for sender, vehicle in ((a, Vehicle(1)), (b, Vehicle(2))):
             sender.send(vehicle.heartbeat())
             frame = vehicle.imu()
