@@ -14,14 +14,13 @@ import re
 from collections.abc import Sequence
 from concurrent.futures import Future, wait
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import zenoh
 
 from drivers.resources import run_in_thread
 from estimator.errors import InputError, file_text
 from service.signals import await_result
-
-if TYPE_CHECKING:
-    import zenoh
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 FREE_ENDPOINT = "tcp/127.0.0.1:0"
@@ -70,15 +69,13 @@ class OpeningSession:
         self._config = _config(options)
         self._opened = run_in_thread(self._any_session, OPENER_THREAD)
 
-    def session(self) -> "zenoh.Session":
+    def session(self) -> zenoh.Session:
         """The session, once it is open.
 
         Raises:
             InputError: a listening address that was asked for and is taken, or a client's
                 router that is not there.
         """
-        import zenoh
-
         try:
             return await_result(self._opened)
         except zenoh.ZError as error:
@@ -87,19 +84,17 @@ class OpeningSession:
     def close(self) -> None:
         """Close the session as soon as it is open; does not wait for that."""
 
-        def close_opened(opened: "Future[zenoh.Session]") -> None:
+        def close_opened(opened: Future[zenoh.Session]) -> None:
             if opened.exception() is None:
                 close_session(opened.result())
 
         self._opened.add_done_callback(close_opened)
 
-    def _any_session(self) -> "zenoh.Session":
+    def _any_session(self) -> zenoh.Session:
         """With shared memory, or without where the system gives none: /dev/shm read-only or full.
 
         Our records are small; nothing of theirs goes through it.
         """
-        import zenoh
-
         try:
             return zenoh.open(self._config)
         except zenoh.ZError as error:
@@ -110,7 +105,7 @@ class OpeningSession:
         return zenoh.open(_config(self._options._replace(settings=settings)))
 
 
-def close_session(session: "zenoh.Session") -> None:
+def close_session(session: zenoh.Session) -> None:
     """Close a session, or leave it to a thread that hangs; a closed one stays closed."""
 
     def close() -> None:
@@ -123,9 +118,7 @@ def close_session(session: "zenoh.Session") -> None:
 class Topic:
     """One key, its publisher, and the last record; what the network cannot take is dropped."""
 
-    def __init__(self, session: "zenoh.Session", key: str, encoding: str | None = None) -> None:
-        import zenoh
-
+    def __init__(self, session: zenoh.Session, key: str, encoding: str | None = None) -> None:
         self.key, self.last = key, b""
         drop = zenoh.CongestionControl.DROP
         self._publisher = session.declare_publisher(
@@ -142,10 +135,8 @@ class Topic:
         self._publisher.undeclare()  # type: ignore[no-untyped-call]
 
 
-def _config(options: ZenohOptions) -> "zenoh.Config":
+def _config(options: ZenohOptions) -> zenoh.Config:
     """The library's own; it would look for ever for what can be no address."""
-    import zenoh
-
     try:
         zenoh.KeyExpr(options.prefix)
     except zenoh.ZError as error:
@@ -186,9 +177,7 @@ def _require_flat(json5: str, what: str) -> None:
         raise InputError(f"zenoh: {what}: more than {MOST_BRACKETS} lists and objects")
 
 
-def _base(options: ZenohOptions) -> "zenoh.Config":
-    import zenoh
-
+def _base(options: ZenohOptions) -> zenoh.Config:
     if options.config_file is None:
         return zenoh.Config()
     what = f"zenoh configuration {options.config_file}"

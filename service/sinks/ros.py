@@ -13,15 +13,14 @@ import re
 from collections.abc import Sequence
 from contextlib import suppress
 from struct import Struct
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import zenoh
 
 from drivers.events import VehicleId
 from service.records import AttitudeRecord, Evicted, Output, Published, StatusRecord, vehicle_name
 from service.sinks import ros_messages as ros
 from service.zenoh_session import Topic
-
-if TYPE_CHECKING:
-    import zenoh
 
 NODE = "fuzzbee"
 MAX_DOMAIN = 232  # the largest that ROS 2 allows
@@ -43,7 +42,7 @@ class RosSink:
 
     name = "ros"
 
-    def __init__(self, session: "zenoh.Session", prefix: str, domain: int = 0) -> None:
+    def __init__(self, session: zenoh.Session, prefix: str, domain: int = 0) -> None:
         self._session = session
         self._prefix = prefix
         self._domain = domain
@@ -73,8 +72,6 @@ class RosSink:
 
     def close(self) -> None:
         """Withdraw the publishers and the node."""
-        import zenoh
-
         with suppress(zenoh.ZError):  # the session may be closed already, and they with it
             for publisher in self._publishers.values():
                 publisher.withdraw()
@@ -98,7 +95,7 @@ class RosSink:
 class Publisher(Topic):
     """One topic, with the token that shows it."""
 
-    def __init__(self, session: "zenoh.Session", key: str, token: str) -> None:
+    def __init__(self, session: zenoh.Session, key: str, token: str) -> None:
         super().__init__(session, key)
         self._token: Any = session.liveliness().declare_token(token)
         # Subscribers show publishers apart by it; rmw_zenoh hashes the token, too
