@@ -133,8 +133,7 @@ class Runner:
         for event in events:
             outputs += handle(event, now_us())
         self.requests.serve(self.pipeline.replace_profile)
-        if outputs:
-            self.outbox.put(outputs)
+        self.outbox.put(outputs)
 
     def _tick(self, now_s: float) -> float:
         """Publish what is due; returns when the next record will be."""
@@ -144,8 +143,6 @@ class Runner:
         is_waking, now_us = now_s - self.woken_s < WAKING_S, self.now_us()
         counts = (self.overruns, self.dropped, self.source.lost)
         load = Load(self.overload.is_on, is_waking, *counts, self.recording())
-        outputs = self.pipeline.tick(now_us, load)
-        if outputs:
-            self.outbox.put(outputs)
+        self.outbox.put(self.pipeline.tick(now_us, load))
         wait_s = 1e-6 * (self.pipeline.wake_us - now_us)
         return now_s + min(MAX_WAIT_S, max(LEAST_REST / self.rate_hz, wait_s))

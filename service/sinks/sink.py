@@ -43,11 +43,11 @@ class Outlet:
     counted, because the newest attitude is worth most.
     """
 
-    def __init__(self, sink: Sink) -> None:
+    def __init__(self, sink: Sink, report: Callable[[str], None]) -> None:
         self.sink = sink
         self.dropped = 0
-        self.errors = 0
-        self.error = ""  # the latest that has not been logged yet
+        self._report = report  # a line on an error
+        self._errors = 0
         self._pending: deque[tuple[float, Sequence[Output]]] = deque()  # and since when, s
         self.is_busy = False  # something is pending, or in hand
         self._handle_at_once: Callable[..., Any] | None = getattr(sink, "handle_at_once", None)
@@ -75,11 +75,6 @@ class Outlet:
                 self.is_busy = True
                 self._changed.notify()
 
-    def take_error(self) -> str:
-        """The latest error, as a text, to be logged now."""
-        error, self.error = self.error, ""
-        return error
-
     def begin_close(self) -> None:
         """Have the sink closed once it has taken what is pending; does not wait for that."""
         with self._changed:
@@ -103,13 +98,13 @@ class Outlet:
             return [output for _ in range(turns) for output in self._pending.popleft()[1]]
 
     def _result(self, call: Callable[..., Any], *arguments: Any) -> Any:
-        """What a call returns. Errors are counted; the first and every hundredth are logged."""
+        """What a call returns. Errors are counted; the first and every hundredth are reported."""
         try:
             return call(*arguments)
         except BaseException as error:  # noqa: BLE001 - whatever it does, the others go on
-            if self.errors % 100 == 0:
-                self.error = f"{self.sink.name}: {error or type(error).__name__}"
-            self.errors += 1
+            if self._errors % 100 == 0:
+                self._report(f"{self.sink.name}: {error or type(error).__name__}")
+            self._errors += 1
 
 
 CLOSE_TIMEOUT_S = 0.7  # for all sinks together: the command ends within a second
@@ -119,9 +114,9 @@ class Outbox(Closing):
     """The sinks of a run, each behind its own outlet."""
 
     def __init__(self, sinks: Sequence[Sink]) -> None:
-        self._outlets = tuple(Outlet(sink) for sink in sinks)
         self.stuck: list[str] = []
-        self.unreported: list[str] = []  # errors that came last
+        self.unreported: list[str] = []  # lines on errors; after the end, those that came last
+        self._outlets = tuple(Outlet(sink, self.unreported.append) for sink in sinks)
 
     @property
     def dropped(self) -> int:
@@ -130,9 +125,8 @@ class Outbox(Closing):
 
     def put(self, outputs: Sequence[Output]) -> None:
         """Hand outputs to every sink, and one sink's errors to all; never blocks."""
-        for outlet in self._outlets:
-            if outlet.error:
-                outputs = [*outputs, Message(outlet.take_error())]
+        while self.unreported:
+            outputs = [*outputs, Message(self.unreported.pop(0))]
         if outputs:
             for outlet in self._outlets:
                 outlet.put(outputs)
@@ -146,4 +140,3 @@ class Outbox(Closing):
             outlet.thread.join(max(0.01, end_s - time.monotonic()))
             if outlet.thread.is_alive():
                 self.stuck.append(outlet.sink.name)
-        self.unreported += [each.take_error() for each in self._outlets if each.error]
