@@ -69,12 +69,12 @@ class Vehicle:
     def on_imu(self, event: Imu) -> list[str]:
         """Feed the estimator, if the message is the chosen one."""
         self.last_arrival_us = event.arrival_us
-        is_chosen, replaced = self.imu.choose(event)
-        if not is_chosen:
+        before = self.imu.message
+        if not self.imu.choose(event):
             _, gyr, acc, *_ = event.sample
             self.others.take(event.message, event.arrival_us, gyr, acc, self.imu.last)
             return []
-        lines = [] if replaced is None else self._change_message(replaced, event.message)
+        lines = [] if before == event.message else self._change_message(before, event.message)
         sample = event.sample if self._to_body_axes is None else self._to_body_axes(event.sample)
         reason = self.estimator.update(sample)
         if reason is not None:
@@ -139,9 +139,8 @@ class Vehicle:
         """
         sample = event.sample
         is_rates = isinstance(event, events.BodyRates)
-        if is_rates and self.imu.has_other_clock(event.arrival_us, sample.time_us):
-            return
-        if not self.imu.uses(event):
+        is_of_other_clock = is_rates and self.imu.has_other_clock(event.arrival_us, sample.time_us)
+        if is_of_other_clock or not self.imu.uses(event):
             return
         reason = self.estimator.update_report(sample)
         if reason is not None:
@@ -266,8 +265,8 @@ class Vehicle:
             self.imu.choice.contradicted.add(event.message)
         return self.lines(event.arrival_us, *lines)
 
-    def _change_message(self, before: str, now: str) -> list[str]:
-        if not before:
+    def _change_message(self, before: str | None, now: str) -> list[str]:
+        if before is None:
             return [f"vehicle {self.name}: IMU data from {now}"]
         self.estimator.change_imu()
         self.others = OtherImus()
