@@ -177,8 +177,7 @@ class Alarms:
 
         The share is that of the host's time: a burst is long by the vehicle's.
         """
-        if self._pace_since_us is None:
-            self._pace_since_us = (time_us, arrival_us)
+        self._pace_since_us = self._pace_since_us or (time_us, arrival_us)
         passed_us = time_us - self._pace_since_us[0]
         host_passed_us = arrival_us - self._pace_since_us[1]
         if 0 <= host_passed_us < PACE_SPAN_US:

@@ -53,9 +53,6 @@ class HttpDoor(ThreadingHTTPServer):
         OSError, OverflowError: the address cannot be listened on.
     """
 
-    daemon_threads = True
-    block_on_close = False
-
     def __init__(
         self,
         name: str,
@@ -75,12 +72,6 @@ class HttpDoor(ThreadingHTTPServer):
         super().__init__(address, _Handler)
         self._thread = threading.Thread(target=self.serve_forever, name=name, daemon=True)
         self._thread.start()
-
-    @property
-    def address(self) -> tuple[str, int]:
-        """The host and the port in use."""
-        host, port = self.server_address[:2]
-        return str(host), port
 
     def close(self) -> None:
         """End the server and what it sends."""

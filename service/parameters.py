@@ -147,11 +147,9 @@ class ProfileChanges:
 
     def report(self, replaced: Replaced) -> None:
         """Publish a vehicle's parameters with the next tick; only the latest count."""
-        for each in self.outputs:
-            if isinstance(each, Replaced) and each.vehicle == replaced.vehicle:
-                self.outputs.remove(each)
-                break
-        self.outputs.append(replaced)
+        vehicle, waiting = replaced.vehicle, self.outputs
+        kept = [x for x in waiting if not (isinstance(x, Replaced) and x.vehicle == vehicle)]
+        self.outputs = [*kept, replaced]
 
     def _change(self, vehicle: Vehicle, profile: Profile) -> None:
         vehicle.replace_profile(profile)

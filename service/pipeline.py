@@ -115,6 +115,8 @@ class Pipeline:
                 self.refused_frames[reason] += frames
                 if (vehicle := self._vehicles.get(address)) is not None:  # refused, nobody appears
                     vehicle.rejected[reason] += frames
+            case events.Heartbeat() as beat if not is_autopilot(beat.autopilot, beat.vehicle_type):
+                return []
             case VehicleEvent():
                 return self._on_vehicle_event(event)
             case events.Malformed(frames=frames):
@@ -134,17 +136,14 @@ class Pipeline:
         if vehicle is None:
             return []
         outputs = _messages(vehicle.on_imu(event))
-        is_taken = vehicle.imu.last is event
-        if is_taken and now_us is not None and vehicle.meets_grid(now_us):
+        imu, publishing = vehicle.imu, vehicle.publishing
+        is_taken = imu.last is event
+        if is_taken and now_us is not None and publishing.meets(now_us, imu.median_period_us):
             outputs += self._published(vehicle, now_us)
         return outputs
 
     def _on_vehicle_event(self, event: VehicleEvent) -> list[Output]:
         """Pass an event on to the vehicle that it is about, which may be a new one."""
-        if isinstance(event, events.Heartbeat):
-            if not is_autopilot(event.autopilot, event.vehicle_type):
-                return []
-            self.systems.add(event.vehicle.system_id)
         vehicle = self._vehicles.get(event.vehicle)
         if vehicle is None and not isinstance(event, OF_KNOWN):
             vehicle = self._meet(event.vehicle)

@@ -149,10 +149,8 @@ class Offsets:
 
     def add(self, seen_us: float) -> None:
         """Take one more."""
-        if seen_us < self.least_us:
-            self.least_us = seen_us
-        elif seen_us > self.most_us:
-            self.most_us = seen_us
+        self.least_us = min(self.least_us, seen_us)
+        self.most_us = max(self.most_us, seen_us)
         self.samples += 1
 
     def shows_step(self, offset_us: float) -> bool:

@@ -82,8 +82,6 @@ class ImuStream:
     def state_at(self, now_us: int) -> State:
         """The state after the silence so far; only samples improve it."""
         silence_us = self.silence_us(now_us)
-        if silence_us < LATE_MINIMUM_US:
-            return self.state
         if silence_us >= self.lost_after_us:
             return State.LOST
         is_late = self.state is State.RUNNING and silence_us >= self.late_after_us

@@ -51,7 +51,6 @@ class Vehicle:
         self.comparison = SecondOpinion()
         self.alarms = Alarms()
         self.publishing = Publishing(rate_hz, number)
-        self._use_axes()
         self._limit = LineLimit(f"vehicle {self.name}")
 
     @property
@@ -75,7 +74,7 @@ class Vehicle:
             self.others.take(event.message, event.arrival_us, gyr, acc, self.imu.last)
             return []
         lines = [] if before == event.message else self._change_message(before, event.message)
-        sample = event.sample if self._to_body_axes is None else self._to_body_axes(event.sample)
+        sample = self.profile.to_body_axes(event.sample)
         reason = self.estimator.update(sample)
         if reason is not None:
             self.rejected[reason] += 1
@@ -183,11 +182,6 @@ class Vehicle:
 
     # --- output
 
-    def meets_grid(self, now_us: int) -> bool:
-        """Whether the sample that was just taken is the one that the next attitude waits for."""
-        period_us = self.imu.median_period_us
-        return self.imu.state in HAS_ATTITUDE and self.publishing.meets(now_us, period_us)
-
     def schedule(self, now_us: int) -> None:
         """Note when to look at it next, if nothing of it arrives until then."""
         last_us = self.imu.last_arrival_us
@@ -234,15 +228,10 @@ class Vehicle:
         """
         was = self.profile
         self.estimator.replace_profile(profile)
-        self._use_axes()
         self.alarms.restart()
         if (profile.mounting, profile.calibration) != (was.mounting, was.calibration):
             self.restart()
         self.alarms.profile_is_unfit = False
-
-    def _use_axes(self) -> None:
-        profile = self.profile
-        self._to_body_axes = None if profile.has_plain_imu else profile.to_body_axes
 
     def restart(self) -> None:
         """Align anew; what was remembered of the attitude before does not hold for the next."""

@@ -121,9 +121,7 @@ class Topic:
     def __init__(self, session: zenoh.Session, key: str, encoding: str | None = None) -> None:
         self.key, self.last = key, b""
         drop = zenoh.CongestionControl.DROP
-        self._publisher = session.declare_publisher(
-            key, encoding=encoding, congestion_control=drop, express=False
-        )
+        self._publisher = session.declare_publisher(key, encoding=encoding, congestion_control=drop)
 
     def put(self, record: bytes, attachment: bytes | None = None) -> None:
         """Publish one."""

@@ -94,7 +94,7 @@ class MetricsSink:
     @property
     def port(self) -> int:
         """The port in use."""
-        return self._door.address[1]
+        return self._door.server_port
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Remember the latest records."""

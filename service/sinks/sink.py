@@ -19,9 +19,7 @@ class Sink(Protocol):
     hands over all that is pending at one go.
     """
 
-    @property
-    def name(self) -> str:
-        """What lines for a person call it."""
+    name: str  # what lines for a person call it
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Take the outputs of a turn of the loop; may block or raise without harm to others."""
