@@ -195,16 +195,15 @@ class Pipeline:
 
     def _on_time(self, vehicle: Vehicle, now_us: int) -> list[Output]:
         """A vehicle's change of state, and its attitude if it is due."""
-        is_left_out = self.load.is_shedding and vehicle.is_left_out(now_us)
-        outputs: list[Output] = []
-        if not (self.load.has_just_woken or is_left_out):
-            outputs = _messages(vehicle.on_time(now_us))
-        if is_left_out or not vehicle.publishing.is_attitude_due(now_us):
-            return outputs
-        is_held_back = self.load.is_shedding or self.load.has_just_woken
-        if is_held_back and vehicle.publishing.is_stale(now_us, vehicle.imu.samples):
-            return outputs
-        return outputs + self._published(vehicle, now_us)
+        load, publishing = self.load, vehicle.publishing
+        if load.is_shedding and vehicle.is_left_out(now_us):
+            return []
+        outputs = [] if load.has_just_woken else _messages(vehicle.on_time(now_us))
+        is_held_back = load.is_shedding or load.has_just_woken
+        is_repeated = is_held_back and publishing.is_stale(now_us, vehicle.imu.samples)
+        if publishing.is_attitude_due(now_us) and not is_repeated:
+            outputs += self._published(vehicle, now_us)
+        return outputs
 
     def _published(self, vehicle: Vehicle, now_us: int) -> list[Output]:
         attitude = vehicle.attitude(now_us)

@@ -65,8 +65,8 @@ class Publishing:
                 self._slide(late_us)
             self._grid_us += self._period_us
             behind_us = now_us - (self._grid_us + self._offset_us)
-            if behind_us >= self._period_us:  # some were missed during a stop
-                self._grid_us += behind_us // self._period_us * self._period_us
+            missed = max(0.0, behind_us // self._period_us)  # during a stop
+            self._grid_us += missed * self._period_us
         self.due_us = self._grid_us + self._offset_us
         self.attitudes += 1
         self._last = samples, now_us

@@ -3,7 +3,6 @@
 from collections import Counter
 
 from drivers import events
-from drivers.events import Imu, VehicleEvent, VehicleId
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
@@ -32,7 +31,7 @@ class Vehicle:
 
     def __init__(
         self,
-        address: VehicleId,
+        address: events.VehicleId,
         estimator: Estimator,
         rate_hz: float = STANDARD_RATE_HZ,
         number: int = 0,
@@ -65,13 +64,14 @@ class Vehicle:
 
     # --- events
 
-    def on_imu(self, event: Imu) -> list[str]:
+    def on_imu(self, event: events.Imu) -> list[str]:
         """Feed the estimator, if the message is the chosen one."""
         self.last_arrival_us = event.arrival_us
         before = self.imu.message
         if not self.imu.choose(event):
             _, gyr, acc, *_ = event.sample
-            self.others.take(event.message, event.arrival_us, gyr, acc, self.imu.last)
+            other = events.OtherImu(event.vehicle, event.arrival_us, event.message, gyr, acc)
+            self.others.take(other, self.imu.last)
             return []
         lines = [] if before == event.message else self._change_message(before, event.message)
         sample = self.profile.to_body_axes(event.sample)
@@ -87,7 +87,7 @@ class Vehicle:
         state = State.RUNNING if self.estimator.aligned else State.ALIGNING
         return lines if state is self.imu.state else lines + self._become(state, event.arrival_us)
 
-    def take(self, event: VehicleEvent) -> list[str]:
+    def take(self, event: events.VehicleEvent) -> list[str]:
         """Take whatever else it has sent, or was noticed of it."""
         match event:
             case events.Position(latitude_deg=latitude_deg, longitude_deg=longitude_deg):
@@ -96,9 +96,8 @@ class Vehicle:
             case events.Heartbeat():
                 self.last_arrival_us = event.arrival_us
                 self.parameters.take_heartbeat(event, self.estimator)
-            case events.OtherImu(message=message, arrival_us=now_us):
-                rate, force = event.rate_rad_s, event.force_m_s2
-                self.others.take(message, now_us, rate, force, self.imu.last)
+            case events.OtherImu():
+                self.others.take(event, self.imu.last)
             case events.ModeChange():
                 self.parameters.take_mode(event)
             case events.FilterStatus():
@@ -163,10 +162,8 @@ class Vehicle:
         if not is_near or self.imu.has_other_clock(event.arrival_us, event.time_us):
             return []
         ours = self.estimator.attitude(event.time_us)
-        if not is_finite(ours):
-            return []
         theirs = self.parameters.view.of_imu(event.message, event.q_ned_frd, ours.q_ned_frd)
-        if theirs is None:
+        if theirs is None or not is_finite(ours):
             return []
         alarms = " and ".join(sorted(each.meaning for each in self.alarms.words))
         against_ours = f"of ours, {alarms}" if alarms else ""
@@ -240,7 +237,7 @@ class Vehicle:
         self.comparison.restart()
         self.imu.last = self.imu.last_sample = None
 
-    def _check(self, event: Imu, sample: ImuSample) -> list[str]:
+    def _check(self, event: events.Imu, sample: ImuSample) -> list[str]:
         """Check that the estimate is finite and, twice a second, that nothing contradicts it."""
         attitude = self.estimator.attitude(sample.time_us)
         if not is_finite(attitude):  # no sample would repair it

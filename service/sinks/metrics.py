@@ -90,11 +90,7 @@ class MetricsSink:
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise InputError(f"--metrics {port}: {reason}; choose another port") from error
-
-    @property
-    def port(self) -> int:
-        """The port in use."""
-        return self._door.server_port
+        self.port = self._door.server_port  # the one in use
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Remember the latest records."""

@@ -4,9 +4,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import wait
 from typing import Any, Protocol
 
-from drivers.resources import Closing
+from drivers.resources import Closing, run_in_thread
 from service.records import Message, Output
 
 
@@ -52,9 +53,7 @@ class Outlet:
         self._rest_s: float = getattr(sink, "rest_s", 0.0)
         self._is_closing = False
         self._changed = threading.Condition()
-        # a daemon: a sink that blocks for ever must not keep the process alive
-        self.thread = threading.Thread(target=self._work, name=f"sink {sink.name}", daemon=True)
-        self.thread.start()
+        self.closed = run_in_thread(self._work, f"sink {sink.name}")
 
     def put(self, outputs: Sequence[Output]) -> None:
         """Hand over outputs; never blocks."""
@@ -131,10 +130,7 @@ class Outbox(Closing):
 
     def close(self) -> None:
         """Deliver what is pending and close every sink; ``stuck`` names those that hang."""
-        end_s = time.monotonic() + CLOSE_TIMEOUT_S
         for outlet in self._outlets:
             outlet.begin_close()
-        for outlet in self._outlets:
-            outlet.thread.join(max(0.01, end_s - time.monotonic()))
-            if outlet.thread.is_alive():
-                self.stuck.append(outlet.sink.name)
+        closed, _ = wait([outlet.closed for outlet in self._outlets], CLOSE_TIMEOUT_S)
+        self.stuck += [each.sink.name for each in self._outlets if each.closed not in closed]
