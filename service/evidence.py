@@ -141,9 +141,8 @@ class OtherImus:
         means = self._means.get(message)
         if means is not None and 0 <= arrival_us - means.looked_us < IMU_LOOK_EVERY_US:
             return
-        if ours is None or abs(arrival_us - ours.arrival_us) > APART_US:
-            return
-        if not isfinite(sum((*rate, *force))):
+        is_finite = isfinite(sum((*rate, *force)))
+        if ours is None or abs(arrival_us - ours.arrival_us) > APART_US or not is_finite:
             return
         means = self._means.setdefault(message, _Means())
         means.looked_us = arrival_us

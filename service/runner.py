@@ -49,7 +49,7 @@ class Overload:
     def __init__(self) -> None:
         self.is_on = False
         self.due_s = -inf  # before that a count means nothing
-        self._count: int | None = None
+        self._count = inf  # before the first
         self._windows = 0  # in a row that speak against the present state
 
     def observe(self, left_out: int, now_s: float) -> str:
@@ -57,8 +57,6 @@ class Overload:
         if now_s < self.due_s:
             return ""
         before, self._count, self.due_s = self._count, left_out, now_s + WINDOW_S
-        if before is None:
-            return ""
         is_full = left_out > before
         self._windows = self._windows + 1 if is_full != self.is_on else 0
         if self._windows < (WINDOWS_TO_END if self.is_on else WINDOWS_TO_BEGIN):

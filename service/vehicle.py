@@ -89,12 +89,13 @@ class Vehicle:
 
     def take(self, event: events.VehicleEvent) -> list[str]:
         """Take whatever else it has sent, or was noticed of it."""
+        if isinstance(event, events.Heartbeat | events.Rejected | events.Shed):
+            self.last_arrival_us = event.arrival_us
         match event:
             case events.Position(latitude_deg=latitude_deg, longitude_deg=longitude_deg):
                 height_m, now_us = event.altitude_m, event.arrival_us
                 self.estimator.set_position(latitude_deg, longitude_deg, height_m, now_us)
             case events.Heartbeat():
-                self.last_arrival_us = event.arrival_us
                 self.parameters.take_heartbeat(event, self.estimator)
             case events.OtherImu():
                 self.others.take(event, self.imu.last)
@@ -105,11 +106,9 @@ class Vehicle:
             case events.Parameter():
                 self.parameters.take(event, self.estimator)
             case events.Rejected():
-                self.last_arrival_us = event.arrival_us
                 if not event.message or self.imu.message in (None, event.message):
                     self.rejected[event.reason] += 1
             case events.Shed():
-                self.last_arrival_us = event.arrival_us
                 self.imu.note_shed(event)
             case events.TrackLost() if event.message == self.imu.message:
                 self.restart()
@@ -181,10 +180,8 @@ class Vehicle:
 
     def schedule(self, now_us: int) -> None:
         """Note when to look at it next, if nothing of it arrives until then."""
-        last_us = self.imu.last_arrival_us
-        if last_us is None or self.imu.state not in HAS_ATTITUDE:
-            due_us = float(now_us + LATE_MINIMUM_US)
-        else:
+        last_us, due_us = self.imu.last_arrival_us, float(now_us + LATE_MINIMUM_US)
+        if last_us is not None and self.imu.state in HAS_ATTITUDE:
             due_us = self.publishing.deadline_us(last_us, self.imu.median_period_us)
         self.publishing.wake_us = min(self.publishing.status_due_us, due_us)
 

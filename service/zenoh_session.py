@@ -24,11 +24,9 @@ from service.signals import await_result
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 FREE_ENDPOINT = "tcp/127.0.0.1:0"
-DEFAULT_PREFIX = "fuzzbee"
 WITH_PORT = ("tcp", "udp", "tls", "quic", "ws")
 # A host, or an IPv6 address in brackets, and a port; zenoh's own settings may follow.
 PLACE = re.compile(r"([^/:\s\[\]?#]+|\[[0-9a-fA-F:.%]+\]):[0-9]{1,5}([?#].*)?")
-MODES = ("peer", "client")
 RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
 CLIENT_TIMEOUT_MS = 2000  # then the command ends: a client is useless without its router
 # Batches of 64 kB that may wait for the network; 16 is the most that Zenoh allows. It drops records
@@ -50,7 +48,7 @@ class ZenohOptions(NamedTuple):
     config_file: str | None = None
     settings: Sequence[str] = ()  # KEY:JSON5
     multicast: bool = False
-    prefix: str = DEFAULT_PREFIX
+    prefix: str = "fuzzbee"
 
 
 class OpeningSession:
@@ -141,7 +139,7 @@ def _config(options: ZenohOptions) -> zenoh.Config:
         raise InputError(f"--prefix {options.prefix!r}: {_one_line(error)}") from None
     if "*" in options.prefix:
         raise InputError(f"--prefix {options.prefix!r}: wildcards cannot be published on")
-    if options.mode not in MODES:
+    if options.mode not in ("peer", "client"):
         raise InputError(f"--mode {options.mode!r}: should be peer or client")
     for name, endpoints in (("--listen", options.listen), ("--connect", options.connect)):
         for endpoint in endpoints:

@@ -12,6 +12,7 @@ import hashlib
 import re
 from collections.abc import Sequence
 from contextlib import suppress
+from itertools import count
 from struct import Struct
 from typing import Any
 
@@ -47,7 +48,7 @@ class RosSink:
         self._prefix = prefix
         self._domain = domain
         self._publishers: dict[str, Publisher] = {}  # by topic
-        self._declared = 0  # so far: entities are numbered
+        self._numbers = count(1)  # of entities
         self._node: Any = session.liveliness().declare_token(self._token("NN", 0))
 
     def handle(self, outputs: Sequence[Output]) -> None:
@@ -79,8 +80,7 @@ class RosSink:
 
     def _publish(self, topic: str, kind: str, message: bytes, unix_us: int) -> None:
         if topic not in self._publishers:
-            self._declared += 1
-            node = self._token("MP", self._declared)
+            node = self._token("MP", next(self._numbers))
             token = f"{node}/{topic.replace('/', NOT_SET)}/{kind}/{QUALITY}"
             key = f"{self._domain}{topic}/{kind}"
             self._publishers[topic] = Publisher(self._session, key, token)
@@ -100,12 +100,11 @@ class Publisher(Topic):
         self._token: Any = session.liveliness().declare_token(token)
         # Subscribers show publishers apart by it; rmw_zenoh hashes the token, too
         self._id = hashlib.blake2b(token.encode(), digest_size=16).digest()
-        self._sequence = 1
+        self._numbers = count(1)  # of messages
 
     def publish(self, message: bytes, unix_us: int) -> None:
         """Publish one message of that time."""
-        self.put(message, _ATTACHMENT.pack(self._sequence, unix_us * 1000, 16, self._id))
-        self._sequence += 1
+        self.put(message, _ATTACHMENT.pack(next(self._numbers), unix_us * 1000, 16, self._id))
 
     def withdraw(self) -> None:
         """Take the token back, and the key."""
