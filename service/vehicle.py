@@ -89,7 +89,7 @@ class Vehicle:
 
     def take(self, event: events.VehicleEvent) -> list[str]:
         """Take whatever else it has sent, or was noticed of it."""
-        if isinstance(event, events.Heartbeat | events.Rejected | events.Shed):
+        if isinstance(event, (events.Heartbeat, events.Rejected, events.Shed)):
             self.last_arrival_us = event.arrival_us
         match event:
             case events.Position(latitude_deg=latitude_deg, longitude_deg=longitude_deg):
