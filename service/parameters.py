@@ -24,7 +24,6 @@ ANSWER_TIMEOUT_S = 2.0
 Partial = dict[str, Any]  # of a profile, by its keys
 # The last is the reason, if it was retuned without a request
 Request = tuple[VehicleId, Partial, str | None]
-Replace = Callable[[VehicleId, Partial, str | None], Profile]
 
 
 class ParameterRequests:
@@ -57,7 +56,7 @@ class ParameterRequests:
         except CancelledError:
             raise TimeoutError("the service is ending") from None
 
-    def serve(self, replace: Replace) -> None:
+    def serve(self, replace: Callable[[VehicleId, Partial, str | None], Profile]) -> None:
         """Answer the waiting requests; called by the loop."""
         while not self._queue.empty():
             request, answer = self._queue.get_nowait()
