@@ -34,6 +34,7 @@ class State(StrEnum):
 
 HAS_ATTITUDE = frozenset({State.RUNNING, State.DEGRADED})
 
+
 Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
 Angle = Annotated[float, Meta(ge=-360.0, le=360.0)]
 Vector = tuple[Number, Number, Number]

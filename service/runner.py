@@ -27,6 +27,7 @@ LEAST_REST = 0.25
 # Between wake-ups the loop looks at its stop flag and mailbox this often.
 MAX_WAIT_S = 0.1
 
+
 # Samples left out in that many windows in a row begin an overload, and as long without any end it.
 WINDOW_S = 0.25
 WINDOWS_TO_BEGIN = 2

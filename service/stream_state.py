@@ -177,8 +177,7 @@ class ImuChoice:
 
     def patience_us(self, period_us: float) -> float:
         """How long the message in use may be silent, and a returning one must have been back."""
-        silence_us = SILENCES * self._longest_silence_us
-        return max(LATE_MINIMUM_US, SILENT_PERIODS * period_us, silence_us)
+        return max(LATE_MINIMUM_US, SILENT_PERIODS * period_us, SILENCES * self._longest_silence_us)
 
     def consider(self, message: str, arrival_us: int, period_us: float = 0.0) -> bool:
         """Whether ``message``, which has just arrived, is the one in use now.

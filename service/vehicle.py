@@ -85,7 +85,7 @@ class Vehicle:
             lines += self._check(event, sample)
         self.imu.last_arrival_us = event.arrival_us
         state = State.RUNNING if self.estimator.aligned else State.ALIGNING
-        return lines if state is self.imu.state else lines + self._become(state, event.arrival_us)
+        return lines + self._become(state, event.arrival_us)
 
     def take(self, event: events.VehicleEvent) -> list[str]:
         """Take whatever else it has sent, or was noticed of it."""
@@ -173,8 +173,7 @@ class Vehicle:
 
     def on_time(self, now_us: int) -> list[str]:
         """Change the state of health if the IMU has been silent for long."""
-        after = self.imu.state_at(now_us)
-        return [] if after is self.state else self._become(after, now_us)
+        return self._become(self.imu.state_at(now_us), now_us)
 
     # --- output
 
@@ -256,9 +255,10 @@ class Vehicle:
         return [f"vehicle {self.name}: IMU data from {now} now, {before} is given up"]
 
     def _become(self, state: State, now_us: int) -> list[str]:
-        self.imu.state = state
         # alignment takes a sample or two: only its end is news
-        return [] if state is State.ALIGNING else self.lines(now_us, str(state))
+        is_news = state not in (self.imu.state, State.ALIGNING)
+        self.imu.state = state
+        return self.lines(now_us, str(state)) if is_news else []
 
     def lines(self, now_us: int, *texts: str) -> list[str]:
         """Lines about this vehicle, fewer of them where there are too many."""
