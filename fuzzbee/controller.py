@@ -1,18 +1,15 @@
 """The paper's fuzzy controller as scikit-fuzzy's own objects, and a figure of it."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from skfuzzy import control, trimf
 
 from estimator.arrays import Floats
 from estimator.filter.fuzzy import RULES, fuzzy_gain
 from estimator.filter.memberships import TERMS, Five, Memberships, fuzzy_sets
-from fuzzbee.options import require_extra
 from fuzzbee.replays.figure import COLORS, add_legend, require_plot, written_figure
-
-if TYPE_CHECKING:
-    from skfuzzy.control import ControlSystem
 
 ERROR, ERROR_RATE, GAIN = "error", "error_rate", "k_op"
 FULL = 100.0  # of k_op
@@ -21,15 +18,13 @@ STEPS = 201  # of the drawn surface, each way
 FIGURE_INCHES = (11.0, 8.0)
 
 
-def control_system(k: Memberships, points: int = POINTS) -> "ControlSystem":
+def control_system(k: Memberships, points: int = POINTS) -> control.ControlSystem:
     """Memberships (Figs. 4 and 5) and the 25 rules (Table I) as a control system.
 
     Its inputs are ``error`` and ``error_rate`` on [0, 1], its output ``k_op`` on [0, 100]; K is
     1 + k_op. scikit-fuzzy integrates over ``points`` samples and the corners of the sets, the
     filter exactly: the more points, the closer the two are (1e-9 at 100 000).
     """
-    from skfuzzy import control, trimf
-
     sets = fuzzy_sets(k)
     error = control.Antecedent(_universe(sets.inputs, 1.0, points), ERROR)
     rate = control.Antecedent(_universe(sets.inputs, 1.0, points), ERROR_RATE)
@@ -56,7 +51,6 @@ def _universe(sets: Five, end: float, points: int) -> Floats:
 def draw_controller(path: Path, name: str, k: Memberships) -> None:
     """Draw memberships, rules and the surface of K into a file."""
     require_plot(path)
-    require_extra("skfuzzy", f"--plot {path}", "plot")
     variables = {variable.label: variable for variable in control_system(k).fuzzy_variables}
     with written_figure(path, f"Fuzzy controller of profile {name}", FIGURE_INCHES) as sheet:
         (inputs, output), (rules, gains) = sheet.subplots(2, 2)

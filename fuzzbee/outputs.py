@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from drivers.endpoint import TABLES, columns_beside
+from drivers.endpoint import TABLES, columns_beside, parse_endpoint
 from estimator.errors import InputError
 from fuzzbee import options as opt
 
@@ -59,7 +59,6 @@ def _ros(options: Any, session: "zenoh.Session | None") -> "Sink":
 
 def _mavlink(options: Any, _session: Any, name: str = "send_attitude") -> "Sink | None":
     """Sends attitudes or announcements; both to the same place: there is one such component."""
-    from drivers.endpoint import parse_endpoint
     from service.sinks.mavlink import MavlinkSink
 
     asked, attitudes = options.outputs, name == "send_attitude"

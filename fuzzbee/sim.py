@@ -3,6 +3,7 @@
 Options that cannot be used raise ``InputError``, as everywhere.
 """
 
+import json
 import threading
 import time
 from functools import partial
@@ -136,8 +137,6 @@ def _print_json(
     link: "Connection", options: SimOptions, fleet: "Fleet", seconds: float, errors: dict[str, Any]
 ) -> None:
     """What was done, as one object."""
-    import json
-
     result = {
         "to": str(link.endpoint),
         "vehicles": options.vehicles,

@@ -123,15 +123,15 @@ class Alarms:
         # a small sigma excludes a contradiction, which takes longer to compute
         is_sure = degrees(attitude.sigma_inclination_rad) < DIP_OFF_DEG
         dip_error_rad = 0.0 if is_sure else estimator.dip_error_rad
-        why, place = estimator.compass_fault, estimator.place_field
-        uses_field = why != CONTRADICTED
+        why = estimator.compass_fault
         settings = estimator.settings
         limit = AT_LIMIT * settings.filter.bias_bound_rad_s
         if settings.conditioned:
             limit = AT_LIMIT * settings.conditioning.bias_limit_rad_s
         self.compass_off_deg = self._compass_off_deg(attitude, estimator)
-        scatters = uses_field and self._does_field_scatter(attitude)
-        is_impossible = not uses_field or self._is_field_impossible(attitude, place)
+        is_impossible, scatters = True, False
+        if why != CONTRADICTED:
+            is_impossible, scatters = self._field_faults(attitude, estimator.place_field)
         seen = {
             Alarm.ACCELEROMETER: degrees(dip_error_rad) > DIP_OFF_DEG,
             Alarm.BIAS_AT_LIMIT: limit > 0.0 and max(map(abs, attitude.gyro_bias_rad_s)) >= limit,
@@ -177,8 +177,7 @@ class Alarms:
 
         The share is that of the host's time: a burst is long by the vehicle's.
         """
-        if self._pace_since_us is None:
-            self._pace_since_us = (time_us, arrival_us)
+        self._pace_since_us = self._pace_since_us or (time_us, arrival_us)
         passed_us = time_us - self._pace_since_us[0]
         host_passed_us = arrival_us - self._pace_since_us[1]
         if 0 <= host_passed_us < PACE_SPAN_US:
@@ -189,17 +188,23 @@ class Alarms:
         side = is_off * (1 if ahead_us > 0 else -1)  # a clock that is too slow is below zero
         self._persistence[Alarm.CLOCK_DRIFT].look(side, PACE_SPAN_US * 1e-6)
 
-    def _is_field_impossible(self, attitude: Attitude, place: PlaceField | None) -> bool:
+    def _field_faults(self, attitude: Attitude, place: PlaceField | None) -> tuple[bool, bool]:
+        """Whether the field is none of this place, and varies by more than sigma explains."""
         if self._field is None or attitude.sigma_heading_rad > UNKNOWN_HEADING_RAD:
-            return False
+            return False, False
+        mean_square = sum(b * b for b in self._field)
+        scatter = degrees(sqrt(max(0.0, self._field_square / max(mean_square, 1e-12) - 1.0)))
+        sigma = degrees(hypot(attitude.sigma_inclination_rad, attitude.sigma_heading_rad))
+        scatters = scatter > SIGMAS * sigma + SCATTER_DEG
         north, east, down = self._field
         horizontal = hypot(north, east)
         if place is None:
-            return not WEAKEST_GAUSS <= hypot(horizontal, down) <= STRONGEST_GAUSS
-        if not resembles(place, horizontal, down):
-            return True
-        sigma = degrees(attitude.sigma_heading_rad)
-        return abs(self.compass_off_deg or 0.0) > SIGMAS * sigma + HEADING_OFF_DEG
+            is_possible = WEAKEST_GAUSS <= hypot(horizontal, down) <= STRONGEST_GAUSS
+        else:
+            most_off = SIGMAS * degrees(attitude.sigma_heading_rad) + HEADING_OFF_DEG
+            is_near = abs(self.compass_off_deg or 0.0) <= most_off
+            is_possible = is_near and resembles(place, horizontal, down)
+        return not is_possible, scatters
 
     def _compass_off_deg(self, attitude: Attitude, estimator: Estimator) -> float | None:
         """None without a field or a north; a field to the east of north makes it read less."""
@@ -218,12 +223,3 @@ class Alarms:
         north, east, down = self._force
         tilt = degrees(atan2(hypot(north, east), -down))
         return tilt > SIGMAS * degrees(attitude.sigma_inclination_rad) + TILT_DEG
-
-    def _does_field_scatter(self, attitude: Attitude) -> bool:
-        """Whether the field's direction varies by more than sigma explains."""
-        if self._field is None or attitude.sigma_heading_rad > UNKNOWN_HEADING_RAD:
-            return False
-        mean_square = sum(b * b for b in self._field)
-        scatter = degrees(sqrt(max(0.0, self._field_square / max(mean_square, 1e-12) - 1.0)))
-        sigma = degrees(hypot(attitude.sigma_inclination_rad, attitude.sigma_heading_rad))
-        return scatter > SIGMAS * sigma + SCATTER_DEG

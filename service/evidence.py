@@ -2,7 +2,9 @@
 
 from math import atan2, degrees, exp, hypot, isfinite, remainder
 
-from drivers.events import Imu
+from msgspec.structs import astuple
+
+from drivers.events import Imu, OtherImu
 from estimator.aiding.compass import resembles
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import add, angle_between_vectors, norm, rotate, scale, subtract
@@ -133,16 +135,14 @@ class OtherImus:
     def __init__(self) -> None:
         self._means: dict[str, _Means] = {}  # by message
 
-    def take(
-        self, message: str, arrival_us: int, rate: Vec3, force: Vec3, ours: Imu | None
-    ) -> None:
-        """Take a reading (rad/s, m/s^2) of another IMU, if it is time."""
+    def take(self, other: OtherImu, ours: Imu | None) -> None:
+        """Take a reading of another IMU, if it is time."""
+        _, arrival_us, message, rate, force = astuple(other)
         means = self._means.get(message)
         if means is not None and 0 <= arrival_us - means.looked_us < IMU_LOOK_EVERY_US:
             return
-        if ours is None or abs(arrival_us - ours.arrival_us) > APART_US:
-            return
-        if not isfinite(sum((*rate, *force))):
+        is_finite = isfinite(sum((*rate, *force)))
+        if ours is None or abs(arrival_us - ours.arrival_us) > APART_US or not is_finite:
             return
         means = self._means.setdefault(message, _Means())
         means.looked_us = arrival_us

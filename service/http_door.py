@@ -16,6 +16,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
+from drivers.resources import run_in_thread
+
 MOST_CONNECTIONS = 40  # each has a thread and a descriptor
 SHARE = 8  # of the process's descriptors, a door has one in so many
 STREAM_PART = 0.8  # of the connections; the others are kept for short answers
@@ -53,9 +55,6 @@ class HttpDoor(ThreadingHTTPServer):
         OSError, OverflowError: the address cannot be listened on.
     """
 
-    daemon_threads = True
-    block_on_close = False
-
     def __init__(
         self,
         name: str,
@@ -73,21 +72,14 @@ class HttpDoor(ThreadingHTTPServer):
         self._lock = threading.Lock()
         self._until_s: dict[socket.socket, float] = {}  # infinite for a stream
         super().__init__(address, _Handler)
-        self._thread = threading.Thread(target=self.serve_forever, name=name, daemon=True)
-        self._thread.start()
-
-    @property
-    def address(self) -> tuple[str, int]:
-        """The host and the port in use."""
-        host, port = self.server_address[:2]
-        return str(host), port
+        self._served = run_in_thread(self.serve_forever, name)
 
     def close(self) -> None:
         """End the server and what it sends."""
         self.closing.set()
         self.shutdown()
         self.server_close()
-        self._thread.join()
+        self._served.result()
 
     def get_request(self) -> tuple[socket.socket, Any]:
         """The next connection; pauses where there is no descriptor for it."""
@@ -135,10 +127,6 @@ class _Handler(BaseHTTPRequestHandler):
     server_version = "fuzzbee"
     sys_version = ""
 
-    def do_HEAD(self) -> None:
-        """The headers of what a GET would bring."""
-        self.do_GET()
-
     def do_GET(self) -> None:
         """The answer to the path."""
         if self.server.is_loopback and not self._is_asked_for_loopback():
@@ -156,6 +144,8 @@ class _Handler(BaseHTTPRequestHandler):
                 self.server.streams.release()
         else:
             self.send_error(HTTPStatus.SERVICE_UNAVAILABLE)
+
+    do_HEAD = do_GET  # noqa: N815 - as it is named there; only the headers are sent
 
     def _is_asked_for_loopback(self) -> bool:
         name = urlsplit(f"//{self.headers.get('Host', '')}").hostname or ""

@@ -21,9 +21,9 @@ MAX_PENDING = 16
 MOST_PROFILES = 512  # of vehicles that are gone; the one that left first goes
 ANSWER_TIMEOUT_S = 2.0
 
+Partial = dict[str, Any]  # of a profile, by its keys
 # The last is the reason, if it was retuned without a request
-Request = tuple[VehicleId, dict[str, Any], str | None]
-Replace = Callable[[VehicleId, dict[str, Any], str | None], Profile]
+Request = tuple[VehicleId, Partial, str | None]
 
 
 class ParameterRequests:
@@ -33,9 +33,7 @@ class ParameterRequests:
         self._queue: Queue[tuple[Request, Future[Profile]]] = Queue(MAX_PENDING)
         self._closed = False
 
-    def ask(
-        self, vehicle: VehicleId, partial: dict[str, Any], retuned: str | None = None
-    ) -> Profile:
+    def ask(self, vehicle: VehicleId, partial: Partial, retuned: str | None = None) -> Profile:
         """Have the loop replace a profile; blocks until it did. ``retuned`` is why, if by itself.
 
         Raises:
@@ -58,7 +56,7 @@ class ParameterRequests:
         except CancelledError:
             raise TimeoutError("the service is ending") from None
 
-    def serve(self, replace: Replace) -> None:
+    def serve(self, replace: Callable[[VehicleId, Partial, str | None], Profile]) -> None:
         """Answer the waiting requests; called by the loop."""
         while not self._queue.empty():
             request, answer = self._queue.get_nowait()
@@ -85,8 +83,7 @@ class ParameterRequests:
 class ProfileChanges:
     """Changes profiles from ``base``; ``outputs`` are those that no event has caused.
 
-    With ``fits_built_in`` a vehicle that is fuzzbee's own gets the profile that fits its signals;
-    otherwise this is only reported.
+    ``fits_built_in`` is that of :class:`service.pipeline.Pipeline`.
     """
 
     def __init__(self, base: Profile, *, fits_built_in: bool) -> None:
@@ -95,9 +92,7 @@ class ProfileChanges:
         self._base = base
         self._fits_built_in = fits_built_in
 
-    def replace(
-        self, vehicle: Vehicle, partial: dict[str, Any], retuned: str | None = None
-    ) -> Profile:
+    def replace(self, vehicle: Vehicle, partial: Partial, retuned: str | None) -> Profile:
         """Do :meth:`service.pipeline.Pipeline.replace_profile` for a vehicle that is there."""
         profile = merge_profile(vehicle.profile, partial)
         try:
@@ -147,11 +142,9 @@ class ProfileChanges:
 
     def report(self, replaced: Replaced) -> None:
         """Publish a vehicle's parameters with the next tick; only the latest count."""
-        for each in self.outputs:
-            if isinstance(each, Replaced) and each.vehicle == replaced.vehicle:
-                self.outputs.remove(each)
-                break
-        self.outputs.append(replaced)
+        vehicle, waiting = replaced.vehicle, self.outputs
+        kept = [x for x in waiting if not (isinstance(x, Replaced) and x.vehicle == vehicle)]
+        self.outputs = [*kept, replaced]
 
     def _change(self, vehicle: Vehicle, profile: Profile) -> None:
         vehicle.replace_profile(profile)

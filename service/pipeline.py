@@ -115,6 +115,8 @@ class Pipeline:
                 self.refused_frames[reason] += frames
                 if (vehicle := self._vehicles.get(address)) is not None:  # refused, nobody appears
                     vehicle.rejected[reason] += frames
+            case events.Heartbeat() as beat if not is_autopilot(beat.autopilot, beat.vehicle_type):
+                return []
             case VehicleEvent():
                 return self._on_vehicle_event(event)
             case events.Malformed(frames=frames):
@@ -134,17 +136,14 @@ class Pipeline:
         if vehicle is None:
             return []
         outputs = _messages(vehicle.on_imu(event))
-        is_taken = vehicle.imu.last is event
-        if is_taken and now_us is not None and vehicle.meets_grid(now_us):
+        imu, publishing = vehicle.imu, vehicle.publishing
+        is_taken = imu.last is event
+        if is_taken and now_us is not None and publishing.meets(now_us, imu.median_period_us):
             outputs += self._published(vehicle, now_us)
         return outputs
 
     def _on_vehicle_event(self, event: VehicleEvent) -> list[Output]:
         """Pass an event on to the vehicle that it is about, which may be a new one."""
-        if isinstance(event, events.Heartbeat):
-            if not is_autopilot(event.autopilot, event.vehicle_type):
-                return []
-            self.systems.add(event.vehicle.system_id)
         vehicle = self._vehicles.get(event.vehicle)
         if vehicle is None and not isinstance(event, OF_KNOWN):
             vehicle = self._meet(event.vehicle)
@@ -196,16 +195,15 @@ class Pipeline:
 
     def _on_time(self, vehicle: Vehicle, now_us: int) -> list[Output]:
         """A vehicle's change of state, and its attitude if it is due."""
-        is_left_out = self.load.is_shedding and vehicle.is_left_out(now_us)
-        outputs: list[Output] = []
-        if not (self.load.has_just_woken or is_left_out):
-            outputs = _messages(vehicle.on_time(now_us))
-        if is_left_out or not vehicle.publishing.is_attitude_due(now_us):
-            return outputs
-        is_held_back = self.load.is_shedding or self.load.has_just_woken
-        if is_held_back and vehicle.publishing.is_stale(now_us, vehicle.imu.samples):
-            return outputs
-        return outputs + self._published(vehicle, now_us)
+        load, publishing = self.load, vehicle.publishing
+        if load.is_shedding and vehicle.is_left_out(now_us):
+            return []
+        outputs = [] if load.has_just_woken else _messages(vehicle.on_time(now_us))
+        is_held_back = load.is_shedding or load.has_just_woken
+        is_repeated = is_held_back and publishing.is_stale(now_us, vehicle.imu.samples)
+        if publishing.is_attitude_due(now_us) and not is_repeated:
+            outputs += self._published(vehicle, now_us)
+        return outputs
 
     def _published(self, vehicle: Vehicle, now_us: int) -> list[Output]:
         attitude = vehicle.attitude(now_us)

@@ -103,7 +103,7 @@ def _leave_out_scipy() -> None:
         del sys.modules[BLAS]
 
 
-def end_with_parent(number: int = signal.SIGKILL) -> None:
+def end_with_parent() -> None:
     """Have this process end with the thread that has started it, whatever either is doing then."""
     if _LIBRARY is not None:
-        _LIBRARY.prctl(PR_SET_PDEATHSIG, number)
+        _LIBRARY.prctl(PR_SET_PDEATHSIG, signal.SIGTERM)

@@ -61,12 +61,14 @@ class Publishing:
         if self.attitudes == 0 or abs(late_us) > 2e6:  # the first, or the clock was set
             self._grid_us, self._offset_us = now_us + self._period_us, 0.0
         else:
-            if samples != self._last[0]:
-                self._slide(late_us)
+            if samples != self._last[0]:  # the offset slides towards the sample's arrival
+                half_us = 0.5 * self._period_us
+                moved_us = self._offset_us + SLIDE * max(-half_us, min(half_us, late_us))
+                self._offset_us = remainder(moved_us, self._period_us)
             self._grid_us += self._period_us
             behind_us = now_us - (self._grid_us + self._offset_us)
-            if behind_us >= self._period_us:  # some were missed during a stop
-                self._grid_us += behind_us // self._period_us * self._period_us
+            missed = max(0.0, behind_us // self._period_us)  # during a stop
+            self._grid_us += missed * self._period_us
         self.due_us = self._grid_us + self._offset_us
         self.attitudes += 1
         self._last = samples, now_us
@@ -105,10 +107,8 @@ class Publishing:
 
     def meets(self, now_us: int, sample_period_us: float) -> bool:
         """Whether the sample taken at ``now_us`` is the one that the next attitude waits for."""
-        if self.attitudes == 0 or self.is_attitude_due(now_us):
-            return True
         early_us = min(0.5 * sample_period_us, 0.5 * self._period_us)
-        return self.due_us - now_us <= early_us
+        return self.is_attitude_due(now_us) or self.due_us - now_us <= early_us
 
     def deadline_us(self, last_arrival_us: int, sample_period_us: float) -> float:
         """When the next attitude is published without a sample of its own.
@@ -119,11 +119,6 @@ class Publishing:
         expected_us = last_arrival_us + sample_period_us
         waits = sample_period_us > 0.0 and due_us - half_us < expected_us < due_us + half_us
         return due_us + half_us if waits else due_us
-
-    def _slide(self, late_us: float) -> None:
-        half_us = 0.5 * self._period_us
-        moved_us = self._offset_us + SLIDE * max(-half_us, min(half_us, late_us))
-        self._offset_us = remainder(moved_us, self._period_us)
 
 
 MAX_DRIFT = 3e-3  # s/s; 136 ms a minute is 2.3e-3
@@ -149,10 +144,8 @@ class Offsets:
 
     def add(self, seen_us: float) -> None:
         """Take one more."""
-        if seen_us < self.least_us:
-            self.least_us = seen_us
-        elif seen_us > self.most_us:
-            self.most_us = seen_us
+        self.least_us = min(self.least_us, seen_us)
+        self.most_us = max(self.most_us, seen_us)
         self.samples += 1
 
     def shows_step(self, offset_us: float) -> bool:

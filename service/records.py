@@ -120,8 +120,7 @@ class Autopilot(Value, frozen=True):
     @property
     def sigma_deg(self) -> float:
         """Our sigma in that axis."""
-        is_tilted = self.axis == "inclination"
-        sigmas = self.inclination_sigmas if is_tilted else self.heading_sigmas
+        sigmas = self.inclination_sigmas if self.axis == "inclination" else self.heading_sigmas
         return self.off_deg / max(sigmas, 0.1)
 
     @property

@@ -49,7 +49,7 @@ class Overload:
     def __init__(self) -> None:
         self.is_on = False
         self.due_s = -inf  # before that a count means nothing
-        self._count: int | None = None
+        self._count = inf  # before the first
         self._windows = 0  # in a row that speak against the present state
 
     def observe(self, left_out: int, now_s: float) -> str:
@@ -57,8 +57,6 @@ class Overload:
         if now_s < self.due_s:
             return ""
         before, self._count, self.due_s = self._count, left_out, now_s + WINDOW_S
-        if before is None:
-            return ""
         is_full = left_out > before
         self._windows = self._windows + 1 if is_full != self.is_on else 0
         if self._windows < (WINDOWS_TO_END if self.is_on else WINDOWS_TO_BEGIN):
@@ -133,8 +131,7 @@ class Runner:
         for event in events:
             outputs += handle(event, now_us())
         self.requests.serve(self.pipeline.replace_profile)
-        if outputs:
-            self.outbox.put(outputs)
+        self.outbox.put(outputs)
 
     def _tick(self, now_s: float) -> float:
         """Publish what is due; returns when the next record will be."""
@@ -144,8 +141,6 @@ class Runner:
         is_waking, now_us = now_s - self.woken_s < WAKING_S, self.now_us()
         counts = (self.overruns, self.dropped, self.source.lost)
         load = Load(self.overload.is_on, is_waking, *counts, self.recording())
-        outputs = self.pipeline.tick(now_us, load)
-        if outputs:
-            self.outbox.put(outputs)
+        self.outbox.put(self.pipeline.tick(now_us, load))
         wait_s = 1e-6 * (self.pipeline.wake_us - now_us)
         return now_s + min(MAX_WAIT_S, max(LEAST_REST / self.rate_hz, wait_s))

@@ -252,13 +252,12 @@ class SecondOpinion:
         if is_odd:
             odd = f"of ours, the force is {excess:.0%} off gravity's strength"
             faults = faults[0], "; ".join(filter(None, [odd, faults[1]]))
-        dips = [each.dip_deg(look.place) for each in both]
-        by_dip = ""
-        if dips[0] is not None and dips[1] is not None:
-            by_dip, text = _named("the field's dip", dips[0], dips[1], off_deg)
+        our_dip, their_dip = (each.dip_deg(look.place) for each in both)
+        if our_dip is not None and their_dip is not None:
+            by_dip, text = _named("the field's dip", our_dip, their_dip, off_deg)
             evidence += f"; {text}" if by_dip else ""
-        if by_dip == "ours":
-            wrong = "ours" if is_odd else ""
+            if by_dip == "ours":
+                wrong = "ours" if is_odd else ""
         return _weighed(wrong, evidence, faults)
 
 

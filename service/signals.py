@@ -35,7 +35,7 @@ def terminate_like_interrupt() -> Iterator[None]:
         signal.default_int_handler(number, frame)
 
     _met.clear()
-    with _handled(ending_signals(), interrupt):
+    with _handled(interrupt):
         try:
             yield
         finally:
@@ -65,28 +65,25 @@ def await_result(future: "Future[T]") -> T:
 @contextmanager
 def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
     """Call ``stop`` at the first signal that ends a command; a second one has its usual effect."""
-    chosen = ending_signals()
-    before = {number: signal.getsignal(number) for number in chosen}
+    before = {number: signal.getsignal(number) for number in ending_signals()}
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
         signal.signal(number, before[signal.Signals(number)])
         stop()
 
-    with _handled(chosen, on_signal):
+    with _handled(on_signal):
         if _interrupted.is_set():
             stop()
         yield
 
 
 @contextmanager
-def _handled(
-    numbers: tuple[signal.Signals, ...], handler: Callable[[int, FrameType | None], Any]
-) -> Iterator[None]:
-    """Handle signals; outside the main thread, the owner has to."""
+def _handled(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
+    """Handle the signals that end a command; outside the main thread, the owner has to."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, handler) for number in numbers}
+    before = {number: signal.signal(number, handler) for number in ending_signals()}
     try:
         yield
     finally:

@@ -82,39 +82,32 @@ class ImuStream:
     def state_at(self, now_us: int) -> State:
         """The state after the silence so far; only samples improve it."""
         silence_us = self.silence_us(now_us)
-        if silence_us < LATE_MINIMUM_US:
-            return self.state
         if silence_us >= self.lost_after_us:
             return State.LOST
         is_late = self.state is State.RUNNING and silence_us >= self.late_after_us
         return State.DEGRADED if is_late else self.state
 
-    def choose(self, event: Imu) -> tuple[bool, str | None]:
-        """Whether a message is the one in use, and the message that it has just replaced, if any.
-
-        A message that comes first replaces "".
-        """
-        before = self.choice.message
+    def choose(self, event: Imu) -> bool:
+        """Whether a message is the one in use from now on."""
+        before = self.message
         is_chosen = self.choice.consider(event.message, event.arrival_us, self.median_period_us)
-        if not is_chosen or before == event.message:
-            return is_chosen, None
-        self._periods_us.clear()
-        self.median_period_us = 0.0
-        if before is None:
-            self._shed = Counter({event.message: self._shed[event.message]})
-        return True, before or ""
+        if is_chosen and before != event.message:
+            self._periods_us.clear()
+            self.median_period_us = 0.0
+            if before is None:
+                self._shed = Counter({event.message: self._shed[event.message]})
+        return is_chosen
 
     def note_taken(self, event: Imu, sample: ImuSample) -> None:
         """Measure interval and gap of a sample that the estimator took, by the vehicle's clock."""
-        last = self.last
         if self._silent_since_us is not None:
             silence_us = event.arrival_us - self._silent_since_us
             self.worst_gap_us = max(self.worst_gap_us, silence_us)
             self._silent_since_us = None
-        if last is not None:
-            period_us = sample.time_us - last.sample.time_us
+        if self.last is not None:
+            period_us = sample.time_us - self.last.sample.time_us
             self.worst_gap_us = max(self.worst_gap_us, period_us)
-            if event.message == last.message:
+            if event.message == self.last.message:
                 self._periods_us.append(period_us)
                 if len(self._periods_us) < PERIODS_KEPT or self.samples % MEDIAN_EVERY == 0:
                     self.median_period_us = float(median_high(self._periods_us))
@@ -184,8 +177,7 @@ class ImuChoice:
 
     def patience_us(self, period_us: float) -> float:
         """How long the message in use may be silent, and a returning one must have been back."""
-        silence_us = SILENCES * self._longest_silence_us
-        return max(LATE_MINIMUM_US, SILENT_PERIODS * period_us, silence_us)
+        return max(LATE_MINIMUM_US, SILENT_PERIODS * period_us, SILENCES * self._longest_silence_us)
 
     def consider(self, message: str, arrival_us: int, period_us: float = 0.0) -> bool:
         """Whether ``message``, which has just arrived, is the one in use now.

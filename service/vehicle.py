@@ -3,7 +3,6 @@
 from collections import Counter
 
 from drivers import events
-from drivers.events import Imu, VehicleEvent, VehicleId
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
@@ -32,7 +31,7 @@ class Vehicle:
 
     def __init__(
         self,
-        address: VehicleId,
+        address: events.VehicleId,
         estimator: Estimator,
         rate_hz: float = STANDARD_RATE_HZ,
         number: int = 0,
@@ -51,7 +50,6 @@ class Vehicle:
         self.comparison = SecondOpinion()
         self.alarms = Alarms()
         self.publishing = Publishing(rate_hz, number)
-        self._use_axes()
         self._limit = LineLimit(f"vehicle {self.name}")
 
     @property
@@ -66,16 +64,17 @@ class Vehicle:
 
     # --- events
 
-    def on_imu(self, event: Imu) -> list[str]:
+    def on_imu(self, event: events.Imu) -> list[str]:
         """Feed the estimator, if the message is the chosen one."""
         self.last_arrival_us = event.arrival_us
-        is_chosen, replaced = self.imu.choose(event)
-        if not is_chosen:
+        before = self.imu.message
+        if not self.imu.choose(event):
             _, gyr, acc, *_ = event.sample
-            self.others.take(event.message, event.arrival_us, gyr, acc, self.imu.last)
+            other = events.OtherImu(event.vehicle, event.arrival_us, event.message, gyr, acc)
+            self.others.take(other, self.imu.last)
             return []
-        lines = [] if replaced is None else self._change_message(replaced, event.message)
-        sample = event.sample if self._to_body_axes is None else self._to_body_axes(event.sample)
+        lines = [] if before == event.message else self._change_message(before, event.message)
+        sample = self.profile.to_body_axes(event.sample)
         reason = self.estimator.update(sample)
         if reason is not None:
             self.rejected[reason] += 1
@@ -86,20 +85,20 @@ class Vehicle:
             lines += self._check(event, sample)
         self.imu.last_arrival_us = event.arrival_us
         state = State.RUNNING if self.estimator.aligned else State.ALIGNING
-        return lines if state is self.imu.state else lines + self._become(state, event.arrival_us)
+        return lines + self._become(state, event.arrival_us)
 
-    def take(self, event: VehicleEvent) -> list[str]:
+    def take(self, event: events.VehicleEvent) -> list[str]:
         """Take whatever else it has sent, or was noticed of it."""
+        if isinstance(event, (events.Heartbeat, events.Rejected, events.Shed)):
+            self.last_arrival_us = event.arrival_us
         match event:
             case events.Position(latitude_deg=latitude_deg, longitude_deg=longitude_deg):
                 height_m, now_us = event.altitude_m, event.arrival_us
                 self.estimator.set_position(latitude_deg, longitude_deg, height_m, now_us)
             case events.Heartbeat():
-                self.last_arrival_us = event.arrival_us
                 self.parameters.take_heartbeat(event, self.estimator)
-            case events.OtherImu(message=message, arrival_us=now_us):
-                rate, force = event.rate_rad_s, event.force_m_s2
-                self.others.take(message, now_us, rate, force, self.imu.last)
+            case events.OtherImu():
+                self.others.take(event, self.imu.last)
             case events.ModeChange():
                 self.parameters.take_mode(event)
             case events.FilterStatus():
@@ -107,11 +106,9 @@ class Vehicle:
             case events.Parameter():
                 self.parameters.take(event, self.estimator)
             case events.Rejected():
-                self.last_arrival_us = event.arrival_us
                 if not event.message or self.imu.message in (None, event.message):
                     self.rejected[event.reason] += 1
             case events.Shed():
-                self.last_arrival_us = event.arrival_us
                 self.imu.note_shed(event)
             case events.TrackLost() if event.message == self.imu.message:
                 self.restart()
@@ -139,9 +136,8 @@ class Vehicle:
         """
         sample = event.sample
         is_rates = isinstance(event, events.BodyRates)
-        if is_rates and self.imu.has_other_clock(event.arrival_us, sample.time_us):
-            return
-        if not self.imu.uses(event):
+        is_of_other_clock = is_rates and self.imu.has_other_clock(event.arrival_us, sample.time_us)
+        if is_of_other_clock or not self.imu.uses(event):
             return
         reason = self.estimator.update_report(sample)
         if reason is not None:
@@ -165,10 +161,8 @@ class Vehicle:
         if not is_near or self.imu.has_other_clock(event.arrival_us, event.time_us):
             return []
         ours = self.estimator.attitude(event.time_us)
-        if not is_finite(ours):
-            return []
         theirs = self.parameters.view.of_imu(event.message, event.q_ned_frd, ours.q_ned_frd)
-        if theirs is None:
+        if theirs is None or not is_finite(ours):
             return []
         alarms = " and ".join(sorted(each.meaning for each in self.alarms.words))
         against_ours = f"of ours, {alarms}" if alarms else ""
@@ -179,22 +173,14 @@ class Vehicle:
 
     def on_time(self, now_us: int) -> list[str]:
         """Change the state of health if the IMU has been silent for long."""
-        after = self.imu.state_at(now_us)
-        return [] if after is self.state else self._become(after, now_us)
+        return self._become(self.imu.state_at(now_us), now_us)
 
     # --- output
 
-    def meets_grid(self, now_us: int) -> bool:
-        """Whether the sample that was just taken is the one that the next attitude waits for."""
-        period_us = self.imu.median_period_us
-        return self.imu.state in HAS_ATTITUDE and self.publishing.meets(now_us, period_us)
-
     def schedule(self, now_us: int) -> None:
         """Note when to look at it next, if nothing of it arrives until then."""
-        last_us = self.imu.last_arrival_us
-        if last_us is None or self.imu.state not in HAS_ATTITUDE:
-            due_us = float(now_us + LATE_MINIMUM_US)
-        else:
+        last_us, due_us = self.imu.last_arrival_us, float(now_us + LATE_MINIMUM_US)
+        if last_us is not None and self.imu.state in HAS_ATTITUDE:
             due_us = self.publishing.deadline_us(last_us, self.imu.median_period_us)
         self.publishing.wake_us = min(self.publishing.status_due_us, due_us)
 
@@ -235,15 +221,10 @@ class Vehicle:
         """
         was = self.profile
         self.estimator.replace_profile(profile)
-        self._use_axes()
         self.alarms.restart()
         if (profile.mounting, profile.calibration) != (was.mounting, was.calibration):
             self.restart()
         self.alarms.profile_is_unfit = False
-
-    def _use_axes(self) -> None:
-        profile = self.profile
-        self._to_body_axes = None if profile.has_plain_imu else profile.to_body_axes
 
     def restart(self) -> None:
         """Align anew; what was remembered of the attitude before does not hold for the next."""
@@ -252,7 +233,7 @@ class Vehicle:
         self.comparison.restart()
         self.imu.last = self.imu.last_sample = None
 
-    def _check(self, event: Imu, sample: ImuSample) -> list[str]:
+    def _check(self, event: events.Imu, sample: ImuSample) -> list[str]:
         """Check that the estimate is finite and, twice a second, that nothing contradicts it."""
         attitude = self.estimator.attitude(sample.time_us)
         if not is_finite(attitude):  # no sample would repair it
@@ -266,17 +247,18 @@ class Vehicle:
             self.imu.choice.contradicted.add(event.message)
         return self.lines(event.arrival_us, *lines)
 
-    def _change_message(self, before: str, now: str) -> list[str]:
-        if not before:
+    def _change_message(self, before: str | None, now: str) -> list[str]:
+        if before is None:
             return [f"vehicle {self.name}: IMU data from {now}"]
         self.estimator.change_imu()
         self.others = OtherImus()
         return [f"vehicle {self.name}: IMU data from {now} now, {before} is given up"]
 
     def _become(self, state: State, now_us: int) -> list[str]:
-        self.imu.state = state
         # alignment takes a sample or two: only its end is news
-        return [] if state is State.ALIGNING else self.lines(now_us, str(state))
+        is_news = state not in (self.imu.state, State.ALIGNING)
+        self.imu.state = state
+        return self.lines(now_us, str(state)) if is_news else []
 
     def lines(self, now_us: int, *texts: str) -> list[str]:
         """Lines about this vehicle, fewer of them where there are too many."""

@@ -14,22 +14,19 @@ import re
 from collections.abc import Sequence
 from concurrent.futures import Future, wait
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
+
+import zenoh
 
 from drivers.resources import run_in_thread
 from estimator.errors import InputError, file_text
 from service.signals import await_result
 
-if TYPE_CHECKING:
-    import zenoh
-
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 FREE_ENDPOINT = "tcp/127.0.0.1:0"
-DEFAULT_PREFIX = "fuzzbee"
 WITH_PORT = ("tcp", "udp", "tls", "quic", "ws")
 # A host, or an IPv6 address in brackets, and a port; zenoh's own settings may follow.
 PLACE = re.compile(r"([^/:\s\[\]?#]+|\[[0-9a-fA-F:.%]+\]):[0-9]{1,5}([?#].*)?")
-MODES = ("peer", "client")
 RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 2}
 CLIENT_TIMEOUT_MS = 2000  # then the command ends: a client is useless without its router
 # Batches of 64 kB that may wait for the network; 16 is the most that Zenoh allows. It drops records
@@ -51,7 +48,7 @@ class ZenohOptions(NamedTuple):
     config_file: str | None = None
     settings: Sequence[str] = ()  # KEY:JSON5
     multicast: bool = False
-    prefix: str = DEFAULT_PREFIX
+    prefix: str = "fuzzbee"
 
 
 class OpeningSession:
@@ -70,15 +67,13 @@ class OpeningSession:
         self._config = _config(options)
         self._opened = run_in_thread(self._any_session, OPENER_THREAD)
 
-    def session(self) -> "zenoh.Session":
+    def session(self) -> zenoh.Session:
         """The session, once it is open.
 
         Raises:
             InputError: a listening address that was asked for and is taken, or a client's
                 router that is not there.
         """
-        import zenoh
-
         try:
             return await_result(self._opened)
         except zenoh.ZError as error:
@@ -87,19 +82,17 @@ class OpeningSession:
     def close(self) -> None:
         """Close the session as soon as it is open; does not wait for that."""
 
-        def close_opened(opened: "Future[zenoh.Session]") -> None:
+        def close_opened(opened: Future[zenoh.Session]) -> None:
             if opened.exception() is None:
                 close_session(opened.result())
 
         self._opened.add_done_callback(close_opened)
 
-    def _any_session(self) -> "zenoh.Session":
+    def _any_session(self) -> zenoh.Session:
         """With shared memory, or without where the system gives none: /dev/shm read-only or full.
 
         Our records are small; nothing of theirs goes through it.
         """
-        import zenoh
-
         try:
             return zenoh.open(self._config)
         except zenoh.ZError as error:
@@ -110,7 +103,7 @@ class OpeningSession:
         return zenoh.open(_config(self._options._replace(settings=settings)))
 
 
-def close_session(session: "zenoh.Session") -> None:
+def close_session(session: zenoh.Session) -> None:
     """Close a session, or leave it to a thread that hangs; a closed one stays closed."""
 
     def close() -> None:
@@ -123,14 +116,10 @@ def close_session(session: "zenoh.Session") -> None:
 class Topic:
     """One key, its publisher, and the last record; what the network cannot take is dropped."""
 
-    def __init__(self, session: "zenoh.Session", key: str, encoding: str | None = None) -> None:
-        import zenoh
-
+    def __init__(self, session: zenoh.Session, key: str, encoding: str | None = None) -> None:
         self.key, self.last = key, b""
         drop = zenoh.CongestionControl.DROP
-        self._publisher = session.declare_publisher(
-            key, encoding=encoding, congestion_control=drop, express=False
-        )
+        self._publisher = session.declare_publisher(key, encoding=encoding, congestion_control=drop)
 
     def put(self, record: bytes, attachment: bytes | None = None) -> None:
         """Publish one."""
@@ -142,17 +131,15 @@ class Topic:
         self._publisher.undeclare()  # type: ignore[no-untyped-call]
 
 
-def _config(options: ZenohOptions) -> "zenoh.Config":
+def _config(options: ZenohOptions) -> zenoh.Config:
     """The library's own; it would look for ever for what can be no address."""
-    import zenoh
-
     try:
         zenoh.KeyExpr(options.prefix)
     except zenoh.ZError as error:
         raise InputError(f"--prefix {options.prefix!r}: {_one_line(error)}") from None
     if "*" in options.prefix:
         raise InputError(f"--prefix {options.prefix!r}: wildcards cannot be published on")
-    if options.mode not in MODES:
+    if options.mode not in ("peer", "client"):
         raise InputError(f"--mode {options.mode!r}: should be peer or client")
     for name, endpoints in (("--listen", options.listen), ("--connect", options.connect)):
         for endpoint in endpoints:
@@ -186,9 +173,7 @@ def _require_flat(json5: str, what: str) -> None:
         raise InputError(f"zenoh: {what}: more than {MOST_BRACKETS} lists and objects")
 
 
-def _base(options: ZenohOptions) -> "zenoh.Config":
-    import zenoh
-
+def _base(options: ZenohOptions) -> zenoh.Config:
     if options.config_file is None:
         return zenoh.Config()
     what = f"zenoh configuration {options.config_file}"

@@ -15,6 +15,7 @@ from drivers.output_file import written_for
 from estimator.arrays import Floats
 from estimator.profile import Profile, Provenance, profile_to_toml
 from fuzzbee.notify import print_line
+from fuzzbee.tune.figure import draw
 from fuzzbee.tune.plan import Plan
 from fuzzbee.tune.report import has_gained, in_words, remarks, report_of
 from service.signals import stop_on_signals
@@ -62,8 +63,6 @@ def run_plan(plan: Plan, viewer: "ViewerOptions | None") -> int:
         if is_finished:
             checkpoint.unlink(missing_ok=True)
         if request.plot is not None:
-            from fuzzbee.tune.figure import draw
-
             draw(request.plot, plan.task, found, search)
         report |= {
             "wall_s": time.perf_counter() - started,

@@ -1,14 +1,12 @@
 """The viewer's process: Rerun's window, or its page for a browser, on loopback only."""
 
 import os
-import signal
 import socket
 import subprocess
 import sys
 import tempfile
 import time
 from contextlib import suppress
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from urllib.parse import quote
@@ -89,7 +87,7 @@ class ViewerProcess:
                 env={**os.environ, **quiet},
                 stderr=errors,
                 # one call into the C library
-                preexec_fn=partial(end_with_parent, signal.SIGTERM),  # noqa: PLW1509
+                preexec_fn=end_with_parent,  # noqa: PLW1509
                 # in a group of its own, so that Ctrl-C does not end it before the last records
                 process_group=0,
                 stdin=subprocess.DEVNULL,

@@ -81,7 +81,7 @@ class WebPage:
         except OSError as error:
             reason = error.strerror or str(error)
             raise InputError(f"--web {address.host}:{address.port}: {reason}") from error
-        self.address = Address(address.host, self._door.address[1])
+        self.address = Address(address.host, self._door.server_port)
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Remember the latest records."""

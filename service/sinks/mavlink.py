@@ -13,7 +13,6 @@ from drivers.events import VehicleId
 from drivers.mavlink import constants as mav
 from drivers.mavlink import encoder
 from drivers.mavlink.connection import Connection
-from drivers.mavlink.encoder import FrameEncoder, Message
 from drivers.mavlink.recorder import Recorder
 from estimator.geometry.frames import euler_rad
 from service import records
@@ -119,7 +118,7 @@ class Sender:
         self.vehicle = vehicle
         self._is_vehicle = is_vehicle  # itself, rather than an onboard computer of it
         component = vehicle.component_id if is_vehicle else mav.MAV_COMP_ID_ONBOARD_COMPUTER
-        self._encoder = FrameEncoder(VehicleId(vehicle.system_id, component))
+        self._encoder = encoder.FrameEncoder(VehicleId(vehicle.system_id, component))
         self._due_us: dict[str, int] = {}  # by what is sent
         self._announcements = 0
 
@@ -149,7 +148,7 @@ class Sender:
                     messages.append(encoder.attitude_quaternion_cov(*about))
         return [self._encoder.frame(message, now_us) for message in messages]
 
-    def _heartbeats(self, now_us: int) -> list[Message]:
+    def _heartbeats(self, now_us: int) -> list[encoder.Message]:
         kind: tuple[int, ...] = (mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)
         if self._is_vehicle:
             kind = mav.MAV_TYPE_GENERIC, mav.MAV_AUTOPILOT_GENERIC, mav.MAV_STATE_STANDBY
@@ -190,7 +189,7 @@ class RecordingSink:
     ) -> None:
         self._recorder = recorder
         self._unix_us = unix_us
-        self._encoders: dict[int, FrameEncoder] = {}
+        self._encoders: dict[int, encoder.FrameEncoder] = {}
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Keep the changes among the outputs."""
@@ -199,7 +198,7 @@ class RecordingSink:
                 continue
             system_id, now_us = output.vehicle.system_id, self._unix_us()
             sender = VehicleId(system_id, mav.MAV_COMP_ID_ONBOARD_COMPUTER)
-            own = self._encoders.setdefault(system_id, FrameEncoder(sender))
+            own = self._encoders.setdefault(system_id, encoder.FrameEncoder(sender))
             text = f"retuned: {output.retuned}"[: encoder.STATUSTEXT_SIZE]
             messages = encoder.statustexts(text, mav.MAV_SEVERITY_INFO, 0)
             self._recorder.write(now_us, [own.frame(each, now_us) for each in messages])

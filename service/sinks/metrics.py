@@ -3,15 +3,16 @@
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
+
+from prometheus_client import CollectorRegistry, Metric
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
+from prometheus_client.exposition import choose_encoder
 
 from estimator.errors import InputError
 from service.http_door import Answer, HttpDoor
 from service.records import Output, State
 from service.second_opinion import Verdict
-
-if TYPE_CHECKING:
-    from prometheus_client import Metric
 
 HOST = "127.0.0.1"  # to reach them from elsewhere, run a proxy or an agent on this computer
 MOST_LOST = 64  # lost vehicles that a scrape has: thousands would take a second of all threads
@@ -80,8 +81,6 @@ class MetricsSink:
     name = "metrics"
 
     def __init__(self, port: int, latest: LatestRecords) -> None:
-        from prometheus_client import CollectorRegistry
-
         self._latest = latest
         self._answering = threading.Lock()  # one answer at a time
         self._registry = CollectorRegistry(auto_describe=False)
@@ -91,11 +90,7 @@ class MetricsSink:
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise InputError(f"--metrics {port}: {reason}; choose another port") from error
-
-    @property
-    def port(self) -> int:
-        """The port in use."""
-        return self._door.address[1]
+        self.port = self._door.server_port  # the one in use
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Remember the latest records."""
@@ -107,16 +102,12 @@ class MetricsSink:
 
     def _respond(self, _target: str, headers: Mapping[str, str]) -> Answer:
         """All metrics, in the format that the scraper accepts."""
-        from prometheus_client.exposition import choose_encoder
-
         encode, kind = choose_encoder(headers.get("Accept", ""))
         with self._answering:
             return Answer(kind, encode(self._registry))
 
-    def collect(self) -> "Iterator[Metric]":
+    def collect(self) -> Iterator[Metric]:
         """All metrics for one scrape. A lost vehicle's attitude is left out but for its age."""
-        from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
-
         rows = self._latest.rows()
         lost = sorted(filter(_is_lost, rows), key=lambda row: row.attitude_s)
         left_out = {row.name for row in lost[:-MOST_LOST]}

@@ -12,16 +12,16 @@ import hashlib
 import re
 from collections.abc import Sequence
 from contextlib import suppress
+from itertools import count
 from struct import Struct
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import zenoh
 
 from drivers.events import VehicleId
 from service.records import AttitudeRecord, Evicted, Output, Published, StatusRecord, vehicle_name
 from service.sinks import ros_messages as ros
 from service.zenoh_session import Topic
-
-if TYPE_CHECKING:
-    import zenoh
 
 NODE = "fuzzbee"
 MAX_DOMAIN = 232  # the largest that ROS 2 allows
@@ -43,12 +43,12 @@ class RosSink:
 
     name = "ros"
 
-    def __init__(self, session: "zenoh.Session", prefix: str, domain: int = 0) -> None:
+    def __init__(self, session: zenoh.Session, prefix: str, domain: int = 0) -> None:
         self._session = session
         self._prefix = prefix
         self._domain = domain
         self._publishers: dict[str, Publisher] = {}  # by topic
-        self._declared = 0  # so far: entities are numbered
+        self._numbers = count(1)  # of entities
         self._node: Any = session.liveliness().declare_token(self._token("NN", 0))
 
     def handle(self, outputs: Sequence[Output]) -> None:
@@ -73,8 +73,6 @@ class RosSink:
 
     def close(self) -> None:
         """Withdraw the publishers and the node."""
-        import zenoh
-
         with suppress(zenoh.ZError):  # the session may be closed already, and they with it
             for publisher in self._publishers.values():
                 publisher.withdraw()
@@ -82,8 +80,7 @@ class RosSink:
 
     def _publish(self, topic: str, kind: str, message: bytes, unix_us: int) -> None:
         if topic not in self._publishers:
-            self._declared += 1
-            node = self._token("MP", self._declared)
+            node = self._token("MP", next(self._numbers))
             token = f"{node}/{topic.replace('/', NOT_SET)}/{kind}/{QUALITY}"
             key = f"{self._domain}{topic}/{kind}"
             self._publishers[topic] = Publisher(self._session, key, token)
@@ -98,17 +95,16 @@ class RosSink:
 class Publisher(Topic):
     """One topic, with the token that shows it."""
 
-    def __init__(self, session: "zenoh.Session", key: str, token: str) -> None:
+    def __init__(self, session: zenoh.Session, key: str, token: str) -> None:
         super().__init__(session, key)
         self._token: Any = session.liveliness().declare_token(token)
         # Subscribers show publishers apart by it; rmw_zenoh hashes the token, too
         self._id = hashlib.blake2b(token.encode(), digest_size=16).digest()
-        self._sequence = 1
+        self._numbers = count(1)  # of messages
 
     def publish(self, message: bytes, unix_us: int) -> None:
         """Publish one message of that time."""
-        self.put(message, _ATTACHMENT.pack(self._sequence, unix_us * 1000, 16, self._id))
-        self._sequence += 1
+        self.put(message, _ATTACHMENT.pack(next(self._numbers), unix_us * 1000, 16, self._id))
 
     def withdraw(self) -> None:
         """Take the token back, and the key."""

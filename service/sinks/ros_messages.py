@@ -64,25 +64,20 @@ def imu_message(record: AttitudeRecord, acc_frd_m_s2: Vec3 | None, frame_id: str
     (at rest it points up); without it the message is marked so.
     """
     w, x, y, z = swap_ned_enu(record.q_ned_frd)
+    level, heading = record.variances_rad2
     out = CdrWriter()
     out.put_stamp(record.time_unix_us)
     out.put_text(frame_id)
     out.put(
         "d",
         *(x, y, z, w),
-        *orientation_covariance(record),
+        *(level, 0.0, 0.0, 0.0, level, 0.0, 0.0, 0.0, heading),  # by rows, about east, north and up
         *flu_from_frd(record.rate_rad_s),
         *UNKNOWN_COVARIANCE,
         *flu_from_frd(ZERO_VEC3 if acc_frd_m_s2 is None else acc_frd_m_s2),
         *(NO_VALUE if acc_frd_m_s2 is None else UNKNOWN_COVARIANCE),
     )
     return out.message
-
-
-def orientation_covariance(record: AttitudeRecord) -> tuple[float, ...]:
-    """Row-major 3x3 (rad^2) about the fixed axes east, north and up, from the estimate's sigmas."""
-    inclination, heading = record.variances_rad2
-    return (inclination, 0.0, 0.0, 0.0, inclination, 0.0, 0.0, 0.0, heading)
 
 
 TF_TOPIC = "/tf"

@@ -4,9 +4,10 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from concurrent.futures import wait
 from typing import Any, Protocol
 
-from drivers.resources import Closing
+from drivers.resources import Closing, run_in_thread
 from service.records import Message, Output
 
 
@@ -19,9 +20,7 @@ class Sink(Protocol):
     hands over all that is pending at one go.
     """
 
-    @property
-    def name(self) -> str:
-        """What lines for a person call it."""
+    name: str  # what lines for a person call it
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Take the outputs of a turn of the loop; may block or raise without harm to others."""
@@ -43,20 +42,18 @@ class Outlet:
     counted, because the newest attitude is worth most.
     """
 
-    def __init__(self, sink: Sink) -> None:
+    def __init__(self, sink: Sink, report: Callable[[str], None]) -> None:
         self.sink = sink
         self.dropped = 0
-        self.errors = 0
-        self.error = ""  # the latest that has not been logged yet
+        self._report = report  # a line on an error
+        self._errors = 0
         self._pending: deque[tuple[float, Sequence[Output]]] = deque()  # and since when, s
         self.is_busy = False  # something is pending, or in hand
         self._handle_at_once: Callable[..., Any] | None = getattr(sink, "handle_at_once", None)
         self._rest_s: float = getattr(sink, "rest_s", 0.0)
         self._is_closing = False
         self._changed = threading.Condition()
-        # a daemon: a sink that blocks for ever must not keep the process alive
-        self.thread = threading.Thread(target=self._work, name=f"sink {sink.name}", daemon=True)
-        self.thread.start()
+        self.closed = run_in_thread(self._work, f"sink {sink.name}")
 
     def put(self, outputs: Sequence[Output]) -> None:
         """Hand over outputs; never blocks."""
@@ -74,11 +71,6 @@ class Outlet:
             if not self.is_busy:
                 self.is_busy = True
                 self._changed.notify()
-
-    def take_error(self) -> str:
-        """The latest error, as a text, to be logged now."""
-        error, self.error = self.error, ""
-        return error
 
     def begin_close(self) -> None:
         """Have the sink closed once it has taken what is pending; does not wait for that."""
@@ -103,13 +95,13 @@ class Outlet:
             return [output for _ in range(turns) for output in self._pending.popleft()[1]]
 
     def _result(self, call: Callable[..., Any], *arguments: Any) -> Any:
-        """What a call returns. Errors are counted; the first and every hundredth are logged."""
+        """What a call returns. Errors are counted; the first and every hundredth are reported."""
         try:
             return call(*arguments)
         except BaseException as error:  # noqa: BLE001 - whatever it does, the others go on
-            if self.errors % 100 == 0:
-                self.error = f"{self.sink.name}: {error or type(error).__name__}"
-            self.errors += 1
+            if self._errors % 100 == 0:
+                self._report(f"{self.sink.name}: {error or type(error).__name__}")
+            self._errors += 1
 
 
 CLOSE_TIMEOUT_S = 0.7  # for all sinks together: the command ends within a second
@@ -119,9 +111,9 @@ class Outbox(Closing):
     """The sinks of a run, each behind its own outlet."""
 
     def __init__(self, sinks: Sequence[Sink]) -> None:
-        self._outlets = tuple(Outlet(sink) for sink in sinks)
         self.stuck: list[str] = []
-        self.unreported: list[str] = []  # errors that came last
+        self.unreported: list[str] = []  # lines on errors; after the end, those that came last
+        self._outlets = tuple(Outlet(sink, self.unreported.append) for sink in sinks)
 
     @property
     def dropped(self) -> int:
@@ -130,20 +122,15 @@ class Outbox(Closing):
 
     def put(self, outputs: Sequence[Output]) -> None:
         """Hand outputs to every sink, and one sink's errors to all; never blocks."""
-        for outlet in self._outlets:
-            if outlet.error:
-                outputs = [*outputs, Message(outlet.take_error())]
+        while self.unreported:
+            outputs = [*outputs, Message(self.unreported.pop(0))]
         if outputs:
             for outlet in self._outlets:
                 outlet.put(outputs)
 
     def close(self) -> None:
         """Deliver what is pending and close every sink; ``stuck`` names those that hang."""
-        end_s = time.monotonic() + CLOSE_TIMEOUT_S
         for outlet in self._outlets:
             outlet.begin_close()
-        for outlet in self._outlets:
-            outlet.thread.join(max(0.01, end_s - time.monotonic()))
-            if outlet.thread.is_alive():
-                self.stuck.append(outlet.sink.name)
-        self.unreported += [each.take_error() for each in self._outlets if each.error]
+        closed, _ = wait([outlet.closed for outlet in self._outlets], CLOSE_TIMEOUT_S)
+        self.stuck += [each.sink.name for each in self._outlets if each.closed not in closed]

@@ -8,9 +8,10 @@ query has a payload.
 
 import time
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
+import zenoh
 
 from drivers.events import VehicleId
 from estimator.errors import InputError
@@ -19,10 +20,6 @@ from service import records
 from service.parameters import ParameterRequests
 from service.records import AttitudeRecord, Output, Published, vehicle_name
 from service.zenoh_session import Topic, close_session
-
-if TYPE_CHECKING:
-    import zenoh
-
 
 JSON = "application/json"
 LIVELINESS_S = 0.5  # to hear of other services; those known to the session answer at once
@@ -39,7 +36,7 @@ class ZenohSink:
 
     def __init__(
         self,
-        session: "zenoh.Session",
+        session: zenoh.Session,
         prefix: str,
         profile: Profile,
         requests: ParameterRequests,
@@ -112,10 +109,8 @@ class ZenohSink:
         if (token := self._tokens.pop(vehicle, None)) is not None:
             token.undeclare()  # type: ignore[no-untyped-call]
 
-    def _on_query(self, query: "zenoh.Query") -> None:
+    def _on_query(self, query: zenoh.Query) -> None:
         """Answer a get; on a thread of zenoh's, where an exception would vanish unseen."""
-        import zenoh
-
         with query:
             for topic in list(self._topics.values()):
                 if topic.last and query.key_expr.intersects(zenoh.KeyExpr(topic.key)):
@@ -125,7 +120,7 @@ class ZenohSink:
                 if query.key_expr.intersects(zenoh.KeyExpr(key)):
                     self._answer_parameters(query, key, vehicle)
 
-    def _answer_parameters(self, query: "zenoh.Query", key: str, vehicle: VehicleId) -> None:
+    def _answer_parameters(self, query: zenoh.Query, key: str, vehicle: VehicleId) -> None:
         try:
             if query.payload is not None and len(query.payload) > 0:
                 partial = _json_object(query.payload.to_bytes())
@@ -154,7 +149,7 @@ class TogetherSink:
 
     name = "together"
 
-    def __init__(self, session: "zenoh.Session", prefix: str, period_s: float) -> None:
+    def __init__(self, session: zenoh.Session, prefix: str, period_s: float) -> None:
         self._topic = Topic(session, f"{prefix}/attitudes", JSON)
         self._period_s = period_s
         self._due_s = 0.0

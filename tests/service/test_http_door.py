@@ -28,11 +28,11 @@ def respond(target, headers):
 
 
 def connected(door):
-    return socket.create_connection(door.address, 60.0)
+    return socket.create_connection(door.server_address, 60.0)
 
 
 def status(door, method="GET", host="localhost"):
-    with closing(http.client.HTTPConnection(*door.address, timeout=60)) as connection:
+    with closing(http.client.HTTPConnection(*door.server_address, timeout=60)) as connection:
         connection.request(method, "/hello", headers={"Host": host})
         answer = connection.getresponse()
         return answer.status, answer.read()

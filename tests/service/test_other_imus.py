@@ -124,5 +124,5 @@ def test_what_was_long_ago_is_forgotten():
         us = 500_000 * (k + 1)
         ours = Imu(ONE, us, us, "RAW_IMU", ImuSample(us, (0.0,) * 3, level, (0.0,) * 3, False))
         force = rotate(TILTED, level) if k < 120 else level
-        others.take("SCALED_IMU2", us, (0.0,) * 3, force, ours)
+        others.take(OtherImu(ONE, us, "SCALED_IMU2", (0.0,) * 3, force), ours)
     assert others.records(us)["SCALED_IMU2"].inclination_deg < 1.0
