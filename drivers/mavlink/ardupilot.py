@@ -224,7 +224,7 @@ def orientation(turn: Floats, was: Parameters, message: str) -> Orientation | No
     for value, entry in mav.mavlink().enums["MAV_SENSOR_ORIENTATION"].items():
         words = entry.name.removeprefix(ROTATION).split("_")
         angles = dict(zip(words[::2], words[1::2], strict=False))
-        if words != ["NONE"] and not all(each.isdigit() for each in words[1::2]):
+        if words != ["NONE"] and not words[-1].isdigit():  # a custom one, or the list's end
             continue
         degrees = [int(angles.get(axis, 0)) for axis in ("ROLL", "PITCH", "YAW")]
         if not any(each % 90 for each in degrees):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.mavlink.constants import mavlink
 from estimator.profile import load_profile
 from fuzzbee.calibration_readings import recording
 from fuzzbee.calibration_report import unmixed
@@ -78,6 +79,18 @@ def test_a_compass_that_is_turned_is_turned_back(tmp_path, printed, reported, he
     mine.write_text(printed("calibrate", log))
     assert f"should be {name}" in mine.read_text()
     assert heading_rms(log, mine) < 1.2 * heading_rms(PLANE, "imu")
+
+
+def test_a_compass_mounted_by_angles_of_its_own_gets_no_other_orientation(tmp_path, reported):
+    """COMPASS_ORIENT 100 is a custom one: what its angles are is not in the number."""
+    waiting = [mavlink().MAVLink_param_value_message(b"COMPASS_ORIENT", 100.0, 9, 1, 0)]
+    turned = with_iron(PLANE, tmp_path / "turned.tlog", OFFSET_MGAUSS, np.array(TURNS["YAW_90"][1]))
+    log = rewritten(
+        turned, tmp_path / "custom.tlog", lambda _, m: [m, *(waiting and [waiting.pop()])]
+    )
+    report = reported("calibrate", log)
+    assert report["orientation"] is None
+    assert "COMPASS_ORIENT" not in report["ardupilot"]
 
 
 def test_another_compass_of_the_log_is_fitted(tmp_path, reported, refused):
