@@ -155,18 +155,3 @@ def test_replacements_under_load_are_answered_one_by_one(endpoint):
     for a, b in pairwise(records[20:]):
         passed_s = 1e-6 * (b["time_boot_us"] - a["time_boot_us"])
         assert angle_rad(a["q_ned_frd"], b["q_ned_frd"]) < 1.0 + 3.2 * passed_s
-
-
-@pytest.mark.parametrize("name", ["paper", "imu"])
-def test_the_same_profile_again_changes_no_digit(name):
-    profile = load_profile(name)
-    alone, replaced = Pipeline(profile), Pipeline(profile)
-    gamma = profile.filter.gamma
-    for number, event in enumerate(imu_events(400)):
-        alone.handle(event)
-        replaced.handle(event)
-        if number % 50 == 25:
-            replaced.replace_profile(ONE, {"filter": {"gamma": gamma}})
-    one, other = alone.vehicle(ONE), replaced.vehicle(ONE)
-    assert other.imu.samples == 400
-    assert one.estimator.snapshot == other.estimator.snapshot

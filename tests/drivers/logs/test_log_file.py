@@ -222,14 +222,6 @@ def test_a_ulog_takes_no_memory_for_its_length(tmp_path):
     assert grown_kb(path) < 100_000
 
 
-@pytest.mark.parametrize("name", ["flight.log", "flight.tlog", "flight.bin", "flight"])
-def test_the_content_decides_not_the_name(tmp_path, name):
-    path = tmp_path / name
-    path.write_bytes((DATA / "rover_no_magnetometer.tlog").read_bytes())
-    with open_log(path) as log:
-        assert len(imu_times(imu_events(log))) == 238
-
-
 @pytest.mark.parametrize(
     ("content", "complaint"),
     [
