@@ -13,8 +13,10 @@ from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, multiply
 from estimator.live.published import OUTPUT_HORIZON_S
 from estimator.live.refusal import ACC_LIMIT_M_S2, RATE_LIMIT_RAD_S
+from estimator.live.rows import OUTPUT_SIZE, Q, report_rows_of, rows_of
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
+from estimator.row_taking import take
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 from tests.flight import calibrated
 from tests.paper_noise import samples_of
@@ -188,6 +190,24 @@ def test_stays_finite_whatever_arrives(stream):
             assert np.all(np.isfinite((*published.gyro_bias_rad_s, *numbers))), published
             assert 0.0 <= published.error <= 1.0
             assert 1.0 <= published.gain <= 101.0
+
+
+def test_rows_of_raw_vectors_are_their_samples_one_by_one():
+    """Velocities and rates between them change nothing."""
+    stream, profile = samples(300), load_profile("paper")
+    straight, in_rows = Estimator(profile), Estimator(profile)
+    report = VelocitySample(stream[99].time_us, (9.0, 2.0, 0.0), True, 0.3)
+    attitudes = []
+    for k, sample in enumerate(stream):
+        assert straight.update(sample) is None
+        attitudes.append(straight.attitude(sample.time_us).q_ned_frd)
+        if k == 99:
+            straight.update_report(report)
+    published = np.empty((len(stream), OUTPUT_SIZE))
+    rows = rows_of(*(np.array(column) for column in zip(*stream, strict=True)))
+    assert take(in_rows, rows, published, report_rows_of([(100, report)])) == []
+    assert [tuple(q) for q in published[:, Q].tolist()] == attitudes
+    assert in_rows.snapshot == straight.snapshot
 
 
 @pytest.mark.parametrize("name", ["imu", "paper"])

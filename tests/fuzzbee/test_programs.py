@@ -67,10 +67,10 @@ def spoil(columns, damage, rows):
 
 def twice_damaged(test):
     """Each damage in three batches, with and without velocity, besides what is found at random."""
-    for damage, has_velocity, profile in product(DAMAGES, (False, True), ("imu", "paper")):
+    for damage, has_velocity in product(DAMAGES, (False, True)):
         damages = [(damage, 30, 20), (damage, 120, 5)]
         given = {"damages": damages, "has_velocity": has_velocity, "cuts": [40, 200]}
-        test = example(**given, calibrated=None, profile=profile)(test)
+        test = example(**given, calibrated=None)(test)
     return test
 
 
@@ -84,10 +84,9 @@ def twice_damaged(test):
     has_velocity=st.booleans(),
     cuts=st.lists(st.integers(0, ROWS), max_size=2).map(sorted),
     calibrated=st.sampled_from([None, False, True]),
-    profile=st.sampled_from(["imu", "paper"]),
 )
 def test_a_batch_is_the_same_as_calls_to_the_last_digit(
-    flight, damages, has_velocity, cuts, calibrated, profile
+    flight, damages, has_velocity, cuts, calibrated
 ):
     """In batches that go on from each other at the cuts."""
     time_s, gyr, acc, mag, velocity = (values.copy() for values in flight)
@@ -99,7 +98,7 @@ def test_a_batch_is_the_same_as_calls_to_the_last_digit(
     position = np.full((ROWS, 4), np.nan)
     position[60:180:7] = (-35.363, 149.165, 584.0, 1.72e9)
     position[130:180:7, 0] = 48.0  # far away
-    calls, batches = (Estimator(profile, compass_calibrated=calibrated) for _ in range(2))
+    calls, batches = (Estimator(compass_calibrated=calibrated) for _ in range(2))
     reported = []
     for k in range(ROWS):
         if np.isfinite(position[k]).all():
