@@ -153,20 +153,6 @@ def test_profiles_of_the_other_kind_can_be_swapped_in(first, second, sigma_rad):
         assert (after.confidence_gravity, after.confidence_magnetic) == (1.0, 1.0)
 
 
-@given(st.lists(st.integers(-1_000_000, 5_000_000), min_size=1, max_size=5))
-@settings(max_examples=20)
-def test_output_propagation_never_enters_the_state(asked):
-    stream = samples(60)
-    for name in ("paper", "imu"):
-        quiet, asked_often = Estimator(load_profile(name)), Estimator(load_profile(name))
-        for sample in stream:
-            quiet.update(sample)
-            asked_often.update(sample)
-            for ahead_us in asked:
-                asked_often.attitude(sample.time_us + ahead_us)
-        assert quiet.snapshot == asked_often.snapshot
-
-
 def test_output_is_propagated_with_the_last_rate_up_to_the_horizon(profile):
     """About the axes of a body that is neither level nor heading north: q exp(w t)."""
     estimator = fed(profile, samples(200))

@@ -3,6 +3,7 @@
 import gzip
 import os
 import random
+import re
 import shutil
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 
 from drivers.logs.open import ULOG_MAGIC
 from service.process import load_kernels
+from tests.drivers.logs.test_tlog import steady
 from tests.fuzz.cases import dataflash
 from tests.fuzzbee.recording import DATA, TAKEOFF
 
@@ -24,20 +26,23 @@ def shuffled(content):
     return b"".join(blocks)
 
 
+NO_FRAME, NO_SAMPLE = "not a telemetry log", "no IMU data that can be used|no usable IMU"
 UNUSABLE = {
-    "empty.tlog": b"",
-    "one byte.bin": b"\xa3",
-    "text.ulg": b"time,roll,pitch\n1,2,3\n" * 1000,
-    "nulls.tlog": bytes(300_000),
-    "noise.bin": random.Random(1).randbytes(300_000),
-    "magic.tlog": b"\xfe" * 100_000,
-    "magic.bin": b"\xa3\x95\x80" * 50_000,
-    "magic.ulg": ULOG_MAGIC + bytes(9) + b"A" * 100_000,
-    "lengths.ulg": ULOG_MAGIC + b"\xff" * 100_000,
-    "packed.tlog": gzip.compress(TLOG),
-    "head.bin": DATAFLASH[:80],
-    "head.ulg": ULOG[:900],
-    "tail.bin": DATAFLASH[150:],  # without its IMU's format
+    "empty.tlog": (b"", "the file is empty"),
+    "one byte.bin": (b"\xa3", NO_FRAME),
+    "text.ulg": (b"time,roll,pitch\n1,2,3\n" * 1000, NO_FRAME),
+    "fmt.log": (b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n", "as text"),
+    "nulls.tlog": (bytes(300_000), NO_FRAME),
+    "noise.bin": (random.Random(1).randbytes(300_000), "no IMU message|no usable IMU"),
+    "magic.tlog": (b"\xfe" * 100_000, NO_FRAME),
+    "magic.bin": (b"\xa3\x95\x80" * 50_000, NO_SAMPLE),
+    "magic.ulg": (ULOG_MAGIC + bytes(9) + b"A" * 100_000, NO_SAMPLE),
+    "lengths.ulg": (ULOG_MAGIC + b"\xff" * 100_000, NO_SAMPLE),
+    "packed.tlog": (gzip.compress(TLOG), "a compressed file"),
+    "head.bin": (DATAFLASH[:80], NO_SAMPLE),
+    "head.ulg": (ULOG[:900], NO_SAMPLE),
+    "tail.bin": (DATAFLASH[150:], NO_FRAME),  # without its IMU's format
+    "frames.tlog": (b"".join(each[8:] for each in steady(20)), "MAVLink without time stamps"),
 }
 USABLE = {
     "wrong name.tlog": DATAFLASH,
@@ -58,25 +63,34 @@ def kernels():
     load_kernels()
 
 
+A_DEVICE = "a pipe, a socket or a device|a pipe or a socket|no baud rate"
 NO_FILES = {
-    "folder": Path.mkdir,
-    "fifo": os.mkfifo,
-    "loop": lambda path: path.symlink_to(path),
-    "missing": lambda _: None,
-    300 * "x" + ".tlog": lambda _: None,
+    "season": (Path.mkdir, "a folder"),
+    "fifo": (os.mkfifo, A_DEVICE),
+    "loop": (lambda path: path.symlink_to(path), "symbolic links|no such file"),
+    **{name: (lambda _: None, A_DEVICE) for name in ("/dev/null", "/dev/zero")},
+    "missing": (lambda _: None, "no such file"),
+    300 * "x" + ".tlog": (lambda _: None, "File name too long|other sources|no source"),
 }
-MADE = {name: lambda path, name=name: path.write_bytes(UNUSABLE[name]) for name in UNUSABLE}
+MADE = {
+    name: (lambda path, content=content: path.write_bytes(content), words)
+    for name, (content, words) in UNUSABLE.items()
+}
 
 
 @pytest.mark.parametrize(
     "verb", ["replay --json", "tune -o out.toml", "run --no-zenoh --speed 1000"]
 )
-@pytest.mark.parametrize(("name", "make"), [*MADE.items(), *NO_FILES.items()])
-def test_what_is_no_log_is_refused_with_one_line(verb, name, make, tmp_path, monkeypatch, refused):
+@pytest.mark.parametrize("name", [*MADE, *NO_FILES])
+def test_what_is_no_log_is_refused_with_one_line(verb, name, tmp_path, monkeypatch, refused):
     monkeypatch.chdir(tmp_path)
+    make, words = (MADE | NO_FILES)[name]
     make(Path(name))
     verb, *options = verb.split()
-    assert name[:20] in refused(verb, name, *options)  # of a long one no more may be shown
+    line = refused(verb, name, *options)
+    assert name[:20] in line  # of a long one no more may be shown
+    assert line.count(name) <= 1 + name.startswith("/dev/")  # run: how to write a device
+    assert re.search(words, line)
     assert not (tmp_path / "out.toml").exists()
 
 

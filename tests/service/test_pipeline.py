@@ -16,6 +16,7 @@ from service.pipeline import MOST_QUIET_HZ, Pipeline
 from service.records import Message, Peer, Published, Replaced, StatusRecord
 from service.vehicle import Vehicle
 from service.vehicle_status import Load
+from tests.drivers.mavlink.messages import only
 from tests.service.flight_rig import ONE, START_US, attitudes, fed, imu_events, statuses, texts
 
 PAPER = load_profile("paper")
@@ -32,13 +33,9 @@ STATUS_KEYS = [
 ]  # fmt: skip
 
 
-def of_kind(kind, outputs):
-    return [each for each in outputs if isinstance(each, kind)]
-
-
 def with_status(outputs):
     """The vehicles whose status is among the outputs."""
-    published = of_kind(Published, outputs)
+    published = only(Published, outputs)
     return [each.vehicle for each in published if isinstance(each.record, StatusRecord)]
 
 
@@ -164,13 +161,13 @@ def test_each_vehicle_has_an_estimator_and_ground_stations_have_none():
     two, gimbal, pipeline = VehicleId(2, 1), VehicleId(1, 154), Pipeline(PAPER)
     pipeline.handle(Heartbeat(VehicleId(255, 190), START_US, 8, 6))
     pipeline.handle(Heartbeat(ONE, START_US, 3, 2))
-    (only,) = pipeline.tick(START_US)
-    assert only.record.state == "waiting"
+    (waiting,) = pipeline.tick(START_US)
+    assert waiting.record.state == "waiting"
     for pair in zip(imu_events(50), imu_events(50, vehicle=two, seed=3), strict=True):
         fed(pair, pipeline)
     fed(imu_events(50, vehicle=gimbal, seed=4), pipeline)
     outputs = pipeline.tick(START_US + 500_000)
-    assert {o.vehicle for o in of_kind(Published, outputs)} == {ONE, two, gimbal}
+    assert {o.vehicle for o in only(Published, outputs)} == {ONE, two, gimbal}
     assert [v.name for v in pipeline.vehicles] == ["1", "2", "1-154"]
     alone = fed(imu_events(50, vehicle=two, seed=3))
     assert alone.vehicle(two).estimator.snapshot == pipeline.vehicle(two).estimator.snapshot
@@ -209,7 +206,7 @@ def test_a_profile_that_raises_while_it_is_installed_changes_nothing(monkeypatch
     for one in (pipeline, alone):
         one.handle(imu_events(101)[-1])
     assert vehicle.estimator.snapshot == alone.vehicle(ONE).estimator.snapshot
-    assert of_kind(Replaced, pipeline.tick(START_US)) == []
+    assert only(Replaced, pipeline.tick(START_US)) == []
 
 
 def test_a_flood_of_profiles_is_reported_a_few_times():
@@ -222,7 +219,7 @@ def test_a_flood_of_profiles_is_reported_a_few_times():
         return pipeline.tick(now_us)
 
     reported = [o for k in range(500) for o in replaced(4, START_US + 1_000_000 + 10_000 * k)]
-    assert len(of_kind(Replaced, reported)) == 500
+    assert len(only(Replaced, reported)) == 500
     lines, limit = texts(reported), "there were more than 12 within a minute"
     # with the line that it runs 12 in a minute, and that there are more
     assert lines.count("vehicle 1: new parameters") == 11
@@ -275,9 +272,9 @@ def test_the_latest_attitude_of_others_comes_with_ours_and_once():
         truth = report(ONE, "sim", 0.02 * n)
     report(VehicleId(9, 1), "sim", 0.1)
     outputs = pipeline.tick(START_US + 10_000)
-    assert of_kind(Peer, outputs) == [autopilot, truth]
+    assert only(Peer, outputs) == [autopilot, truth]
     assert attitudes(outputs)
-    assert of_kind(Peer, pipeline.tick(START_US + 20_000)) == []
+    assert only(Peer, pipeline.tick(START_US + 20_000)) == []
 
 
 def test_many_lost_vehicles_have_fewer_statuses_and_one_that_is_there_has_each_second():

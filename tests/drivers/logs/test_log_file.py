@@ -1,7 +1,6 @@
-"""Logs are opened by content; they may be damaged, shrink, fail or be larger than memory."""
+"""Logs may be damaged, shrink, fail, be larger than memory or lack the IMU."""
 
 import errno
-import gzip
 import io
 import os
 import random
@@ -14,7 +13,7 @@ import pytest
 from drivers.events import Imu
 from drivers.logs import log_file, ulog
 from drivers.logs.log_file import Window, windowed
-from drivers.logs.open import imu_events, open_log
+from drivers.logs.open import open_log
 from drivers.mavlink.constants import mavlink
 from estimator.errors import InputError
 from tests.drivers.logs import test_dataflash, test_tlog, test_ulog
@@ -23,14 +22,12 @@ from tests.drivers.logs.writers import (
     DataflashWriter,
     S,
     UlogWriter,
-    gaps_s,
     imu_times,
     json_mcap,
     malformed,
 )
 
 LINK = mavlink().MAVLink(None, 1, 1)
-ONE = {"IMU", "RAW_IMU", "sensor_combined"}  # of several that a log has
 
 
 @pytest.mark.parametrize("name", ["px4_hover.ulg", "sub_bluerov.tlog", "copter_reboot.tlog"])
@@ -45,35 +42,6 @@ def test_a_log_that_is_truncated_while_it_is_iterated(tmp_path, name):
         if seen == 3 and path.stat().st_size:
             path.write_bytes(b"")
     assert seen == expected > 100
-
-
-# The content, the bytes of its head, flipped bits, and how many samples are left at least
-DAMAGED = {
-    "hover.ulg": (test_ulog.HOVER.read_bytes, 0, 40, 0),
-    "flight.bin": (lambda: test_dataflash.modern(2).data, 900, 20, 30),
-    "log.tlog": ((DATA / "sub_bad_data.tlog").read_bytes, 0, 1000, 15),
-}
-
-
-@pytest.mark.parametrize("seed", range(8))
-@pytest.mark.parametrize("name", DAMAGED)
-def test_flipped_bits_and_a_cut_give_what_can_be_read_or_one_line(tmp_path, capfd, name, seed):
-    content, head, flips, least = DAMAGED[name]
-    rng, data, path = random.Random(seed), bytearray(content()), tmp_path / name
-    for _ in range(flips):
-        data[rng.randrange(head, len(data))] ^= 1 << rng.randrange(8)
-    del data[rng.randrange(len(data) // 2, len(data)) :]
-    path.write_bytes(data)
-    try:
-        events = list(imu_events(open_log(path)))
-    except InputError as error:
-        assert least == 0
-        assert str(error).startswith(f"{path}: ")  # noqa: PT017 - either outcome is right
-    else:
-        times_us = [us for name in ONE for us in imu_times(events, name)]
-        assert len(times_us) > least
-        assert min(gaps_s(times_us), default=1) > 0
-    assert capfd.readouterr() == ("", "")
 
 
 def test_each_record_between_damaged_stretches_is_found(tmp_path):
@@ -220,51 +188,6 @@ def test_a_ulog_takes_no_memory_for_its_length(tmp_path):
             file.seek(0xFFFF, os.SEEK_CUR)
         file.truncate(file.tell())
     assert grown_kb(path) < 100_000
-
-
-@pytest.mark.parametrize("name", ["flight.log", "flight.tlog", "flight.bin", "flight"])
-def test_the_content_decides_not_the_name(tmp_path, name):
-    path = tmp_path / name
-    path.write_bytes((DATA / "rover_no_magnetometer.tlog").read_bytes())
-    with open_log(path) as log:
-        assert len(imu_times(imu_events(log))) == 238
-
-
-@pytest.mark.parametrize(
-    ("content", "complaint"),
-    [
-        (b"", "the file is empty"),
-        (b"# a table\n1,2,3\n" * 100, "not a telemetry log"),
-        (b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n", "as text"),
-        (b"ULog\x01\x12\x35\x01" + bytes(8), "damaged ULog|no usable IMU"),
-        (b"\xa3\x95\x80" + bytes(60), "damaged DataFlash|no usable IMU"),
-        (bytes(5000), "not a telemetry log"),
-        (gzip.compress(bytes(5000), mtime=0), "a compressed file"),
-        (b"".join(each[8:] for each in test_tlog.steady(20)), "MAVLink without time stamps"),
-    ],
-)
-def test_what_cannot_be_used_is_reported_in_one_line(tmp_path, content, complaint):
-    path = tmp_path / "thing.log"
-    path.write_bytes(content)
-    with pytest.raises(InputError, match=complaint) as raised:
-        list(imu_events(open_log(path)))
-    assert str(raised.value).startswith(f"{path}: ")
-    assert "\n" not in str(raised.value)
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("nowhere.tlog", "no such file"),
-        ("", "a folder"),
-        *((name, "a pipe, a socket or a device") for name in ("fifo", "/dev/null", "/dev/zero")),
-    ],
-)
-def test_what_is_no_file_or_may_never_end_is_not_opened(tmp_path, name, words):
-    os.mkfifo(tmp_path / "fifo")
-    with pytest.raises(InputError, match=words) as raised:
-        open_log(tmp_path / name)
-    assert str(raised.value).count(str(tmp_path / name)) == 1
 
 
 UNIX_US = 1_700_000_000 * S

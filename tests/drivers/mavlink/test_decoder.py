@@ -20,7 +20,6 @@ from drivers.events import (
     Velocity,
 )
 from drivers.mavlink.decoder import MOST_SENDERS, MavlinkDecoder
-from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.messages import IMU_MESSAGES, ImuMessage
 from drivers.samples.intake import MOST_STREAMS
 from drivers.samples.vehicle_clock import TimeField
@@ -34,7 +33,6 @@ from tests.drivers.mavlink.messages import (
     G,
     S,
     decode_all,
-    frame,
     heartbeat,
     highres,
     m,
@@ -167,13 +165,11 @@ def assert_same(event, expected):
 @pytest.mark.parametrize("force_mavlink1", [False, True], ids=["v2", "v1"])
 @pytest.mark.parametrize(("message", "expected"), TABLE, ids=lambda x: type(x).__name__)
 def test_each_message_becomes_its_event(message, expected, force_mavlink1):
-    decoder, reader = MavlinkDecoder(), FrameReader()
-    for each in reader.feed(frame(raw_imu(S))):
-        decoder.events(each, UNIX)
-    (each,) = reader.feed(frame(message, force_mavlink1=force_mavlink1))
-    events = [e for e in decoder.events(each, UNIX) if type(e) is type(expected)]
-    assert len(events) == 1
-    assert_same(events[0], expected)
+    decoder = MavlinkDecoder()
+    decode_all([raw_imu(S)], decoder)
+    events = decode_all([message], decoder, force_mavlink1=force_mavlink1)
+    (event,) = [e for e in events if type(e) is type(expected)]
+    assert_same(event, expected)
 
 
 FIELDS = {
@@ -340,12 +336,10 @@ def test_a_vehicle_may_have_system_id_255():
 
 
 def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds():
-    decoder, reader = MavlinkDecoder(), FrameReader()
-    known, turned_away, refused = set(), 0, 0
+    decoder, known, turned_away, refused = MavlinkDecoder(), set(), 0, 0
     for number in range(MOST_SENDERS + 200):
-        address = 1 + number % 250, 1 + number // 250
-        (each,) = reader.feed(frame(raw_imu(), *address))
-        events = decoder.events(each, UNIX + number)
+        address = {"system": 1 + number % 250, "component": 1 + number // 250}
+        events = decode_all([raw_imu()], decoder, **address)
         known |= {event.vehicle for event in only(Imu, events)}
         turned_away += sum(event.frames for event in only(RefusedFrames, events))
     assert len(known) == MOST_SENDERS
@@ -354,8 +348,7 @@ def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds
         message = m.MAVLink_raw_imu_message(
             S + instance, 0, 0, -1000, 0, 0, 1, 0, 0, 0, id=instance
         )
-        (each,) = reader.feed(frame(message))
-        events = only(Rejected, decoder.events(each, UNIX))
+        events = only(Rejected, decode_all([message], decoder))
         refused += [event.reason for event in events] == ["too_many_streams"]
     assert refused == 256 - MOST_STREAMS
 

@@ -8,13 +8,12 @@ import subprocess
 import sys
 
 import pytest
-from pymavlink import mavutil
 
 from drivers.events import Heartbeat, VehicleId
 from drivers.logs.open import open_log
 from drivers.mavlink import recorder as recorder_module
 from drivers.mavlink import tlog_file
-from drivers.mavlink.encoder import FrameEncoder, attitude, heartbeat
+from drivers.mavlink.encoder import FrameEncoder, heartbeat
 from drivers.mavlink.recorder import RETRY_US, Recorder
 from estimator.errors import InputError
 from tests.programs import ROOT, run_python
@@ -45,23 +44,6 @@ def path(tmp_path):
 
 
 # --- one file
-
-
-def test_pymavlink_reads_the_recording(path):
-    frames = FrameEncoder(VehicleId(1, 1))
-    with Recorder(path) as recorder:
-        recorder.write(UNIX_US, [frames.frame(heartbeat(2, 3), 0)])
-        recorder.write(UNIX_US + 1_000_000, [])
-        attitudes = [frames.frame(attitude(i, (0.1 * i, 0, 0), (0, 0, 0)), 0) for i in range(3)]
-        recorder.write(UNIX_US + 2_500_000, attitudes)
-    log = mavutil.mavlink_connection(str(path))
-    read = []
-    while (message := log.recv_match()) is not None:
-        read.append((message.get_type(), message._timestamp - UNIX_US * 1e-6))
-    log.close()
-    assert [kind for kind, _ in read] == ["HEARTBEAT", "ATTITUDE", "ATTITUDE", "ATTITUDE"]
-    assert [t for _, t in read] == pytest.approx([0, 2.5, 2.5, 2.5], abs=1e-5)
-    assert recorder.is_whole
 
 
 def test_an_existing_file_is_continued(path):

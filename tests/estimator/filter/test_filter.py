@@ -245,14 +245,3 @@ def test_raw_vectors_are_the_papers():
     assert raw_vectors(PAPER, (0.0, 0.0, -9.8), (0.3, 0.0, 0.0), False).s1 == 0.0
     assert raw_vectors(PAPER, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0), True).s1 == 0.0
     assert raw_vectors(PAPER, (0.0, 0.0, 0.0), (0.3, 0.0, 0.0), True).s2 == 0.0
-
-
-def test_opposite_quaternions_give_one_filter(backend):
-    rng = np.random.default_rng(37)
-    for _ in range(50):
-        q, vectors = random_quaternion(rng), random_vectors(rng)
-        minus = tuple(-x for x in q)
-        one, other = (backend.correct(FUZZY, FilterState(p), vectors, 0.01) for p in (q, minus))
-        assert_attitude_close(one.q_ned_frd, other.q_ned_frd, 1e-12)
-        assert one.gain == other.gain
-        assert one.gyr_bias_rad_s == other.gyr_bias_rad_s

@@ -71,10 +71,9 @@ def test_gets_parameters_and_liveliness(endpoint):
         ((key, profile),) = get(client, "test/1/parameters")
         assert key == "test/1/parameters"
         assert profile["filter"]["gamma"] == 1.0
-        change = json.dumps({"filter": {"gamma": 0.5}})
-        ((_, changed),) = get(client, "test/1/parameters", change)
-        assert changed["filter"]["gamma"] == 0.5
-        assert changed["membership"] == profile["membership"]
+        change = {"filter": {"gamma": 0.5}, "membership": {"k1": 0.01}}
+        ((_, changed),) = get(client, "test/1/parameters", json.dumps(change))
+        assert changed == profile | {name: profile[name] | change[name] for name in change}
         assert get(client, "test/1/parameters") == [("test/1/parameters", changed)]
         ((_, whole),) = get(client, "test/1/parameters", json.dumps(profile))
         assert whole == profile
