@@ -85,7 +85,7 @@ class TuneRequest(NamedTuple):
 
 
 @opt.command
-def tune(request: TuneRequest) -> None:
+def tune(request: TuneRequest) -> int:
     """Tune a profile with an artificial bee colony.
 
     The same options give the same file. Ctrl-C writes the best so far, and
@@ -108,6 +108,4 @@ def tune(request: TuneRequest) -> None:
     files = (request.output, checkpoint_path(request.output))
     written = [*(("--output", file) for file in files), ("--rrd", request.rrd)]
     outputs.require_own_files(written, [*request.sources, *(request.hold_out or []), request.base])
-    status = run_plan(plan(request), viewer)
-    if status:
-        raise typer.Exit(status)
+    return run_plan(plan(request), viewer)
