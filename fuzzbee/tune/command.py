@@ -9,8 +9,6 @@ from estimator.errors import InputError
 from fuzzbee import options as opt
 from fuzzbee import outputs
 
-SIMULATION = "sim:"
-
 _SOURCES = "Log files, or sim: for the paper's signals."
 _BASE = (
     "Where to start: paper, imu or a TOML file."
@@ -81,7 +79,7 @@ class TuneRequest(NamedTuple):
     @property
     def is_simulated(self) -> bool:
         """Whether the paper's signals are searched on; else logs are."""
-        return SIMULATION in self.sources
+        return opt.SIMULATION in self.sources
 
 
 @opt.command
