@@ -79,7 +79,6 @@ class Trajectory:
         self._variance = (np.array(FIRST) * of_field) ** 2  # of one that stands alone
         self._seen = self._variance.copy()
         self._sizes, self._least = np.sqrt(self._variance), np.array(LEAST) * of_field
-        self._solved = np.zeros((0, 0))
 
     @property
     def lags_s(self) -> Floats:
