@@ -35,7 +35,7 @@ class CheckOptions(NamedTuple):
 
 
 @opt.command
-def check(options: CheckOptions) -> None:
+def check(options: CheckOptions) -> int:
     """Find the logs in which autopilot and estimate differ.
 
     One line a log, worst first. Ends with 1 if they differ in any, with 2 if one cannot be read.
@@ -45,9 +45,8 @@ def check(options: CheckOptions) -> None:
     from estimator.profile import load_profile
     from fuzzbee.replays.log_check import check_log, line
 
-    load_profile(options.profile)  # refused before the work
-    window = opt.time_window(options.begin, options.end)
-    work = partial(check_log, profile=options.profile, window=window)
+    profile, window = load_profile(options.profile), opt.time_window(options.begin, options.end)
+    work = partial(check_log, profile=profile, window=window)
     found = _checked([*_files(options.logs)], work)
     found.sort(key=lambda each: each.rank, reverse=True)
     refusals = [f"{each.log}: {each.refused}" for each in found if each.refused]
@@ -59,9 +58,8 @@ def check(options: CheckOptions) -> None:
     else:
         print(*map(line, found), sep="\n")
     if any(each.differences for each in found):
-        raise typer.Exit(DIFFERS)
-    if any(each.fault for each in found):
-        raise typer.Exit(UNREADABLE)
+        return DIFFERS
+    return UNREADABLE if any(each.fault for each in found) else 0
 
 
 def _files(given: Iterable[Path]) -> Iterator[Path]:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 MAX_GAIN = 1e6
 PROFILES = ("paper", "imu", "adaptive")
+SIMULATION = "sim:"  # the paper's signals, in place of a log
 
 KEYWORD = inspect.Parameter.KEYWORD_ONLY
 Form = TypeVar("Form", bound=NamedTuple)

@@ -12,7 +12,6 @@ from estimator.geometry.quaternion import exp, scale
 from estimator.live.core import with_attitude
 from estimator.live.rows import (
     BIAS,
-    NO_REPORT_ROWS,
     OUTPUT_SIZE,
     SIGMA,
     Q,
@@ -109,8 +108,8 @@ def course_of(
     estimator: Estimator,
     rows: Rows,
     calls: Calls,
+    reports: Floats,
     wrong_ned_frd: Mapping[int, Quaternion] = NOTHING_WRONG,
-    reports: Floats = NO_REPORT_ROWS,
 ) -> Course:
     """Have the estimator take all rows, and before each of them its calls.
 

@@ -113,7 +113,7 @@ def fly(
         as_read = rows.gyr_rad_s @ R, sign * rows.acc_m_s2 @ R, rows.mag_gauss @ R
         gyr, acc, mag = map(np.ascontiguousarray, profile.to_body_rows(*as_read))
         rows = Rows(rows.times_us, gyr, acc, mag, rows.has_mag)
-    return course_of(Estimator(profile), rows, flight.calls, wrong_ned_frd, flight.reports)
+    return course_of(Estimator(profile), rows, flight.calls, flight.reports, wrong_ned_frd)
 
 
 def sure_flight(flight: Flight, profile: Profile, *, is_wanted: bool) -> Flight:
@@ -126,7 +126,7 @@ def sure_flight(flight: Flight, profile: Profile, *, is_wanted: bool) -> Flight:
         InputError: it is not, and is wanted.
     """
     recorder = Recorder(profile)
-    course_of(recorder, flight.rows, flight.calls, reports=flight.reports)
+    course_of(recorder, flight.rows, flight.calls, flight.reports)
     times_us, smoothed = smooth_all(recorder)
     at = np.searchsorted(times_us, flight.rows.times_us)
     truth, sigma = smoothed.q_ned_frd[at], smoothed.sigma_rad[at]

@@ -85,7 +85,7 @@ class Search:
     def __post_init__(self) -> None:
         self._known: list[Floats] = []
         self._asked = hashlib.sha256()
-        self._scouts = self.evaluations = 0
+        self.evaluations, self.left = 0, self.options.budget  # the latter without scouts
         self.best_cost = np.inf
         self.best_values = np.full(len(self.space), np.nan)
         self.history: list[Progress] = []
@@ -94,11 +94,6 @@ class Search:
     def cycles(self) -> int:
         """Cycles (generations) so far."""
         return len(self.history)
-
-    @property
-    def left(self) -> int:
-        """Evaluations left of the budget."""
-        return self.options.budget - (self.evaluations - self._scouts)
 
     @property
     def record(self) -> Record:
@@ -113,9 +108,10 @@ class Search:
             SearchEnd: the budget is used up (scouts do not count), or the observer asked to stop.
             InputError: the record is not of this search.
         """
-        if not scouts and (self.left == 0 or self.left < len(positions)):
-            raise SearchEnd(is_finished=True)
-        self._scouts += len(positions) if scouts else 0
+        if not scouts:
+            if self.left == 0 or self.left < len(positions):
+                raise SearchEnd(is_finished=True)
+            self.left -= len(positions)
         values = decode(self.space, make_feasible(self.space, positions))
         recorded = self._recorded_costs(len(values))
         self._asked.update(np.ascontiguousarray(values).tobytes())

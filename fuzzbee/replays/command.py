@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from estimator.profile import Profile
     from fuzzbee.replays.log_report import Export
 
-SIMULATION = "sim:"
 MOST_WRONG_DEG = 180.0
 EXPORTS = ("csv", "mcap", "tum", "parquet")  # each written by its write_NAME
 FOR_LOGS = {
@@ -99,7 +98,7 @@ class ReplayOptions(NamedTuple):
 def replay(options: ReplayOptions) -> None:
     """Estimate over logs and score it against a reference."""
     _require_numbers(options)
-    if SIMULATION in options.sources:
+    if opt.SIMULATION in options.sources:
         if len(options.sources) > 1:
             raise InputError("replay: sim: stands alone, not beside logs")
         if len(options.profile or ()) > 1:
@@ -128,7 +127,7 @@ def _require_numbers(options: ReplayOptions) -> None:
     if options.reference not in (None, "sim", "autopilot"):
         raise InputError(f"--reference {options.reference}: must be sim or autopilot")
     for source in options.sources:
-        if source.startswith(SIMULATION) and source != SIMULATION:
+        if source.startswith(opt.SIMULATION) and source != opt.SIMULATION:
             raise InputError(
                 f"{source}: replay takes sim: (the paper's experiment) or a log;"
                 " fuzzbee run URL --record FILE makes one of fuzzbee sim"

@@ -20,7 +20,7 @@ from drivers.logs.other_sensors import vibrations
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from estimator.arrays import Floats
 from estimator.errors import InputError
-from estimator.profile import load_profile
+from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import Vec3
 from fuzzbee.notify import printable
@@ -92,10 +92,10 @@ class Checked(msgspec.Struct, frozen=True):
         return bool(self.differences), seconds, sum(self.warnings.values())
 
 
-def check_log(path: Path, profile: str, window: TimeWindow = WHOLE_LOG) -> Checked:
+def check_log(path: Path, profile: Profile, window: TimeWindow) -> Checked:
     """Replay a log; one that cannot be read has its reason as ``fault``."""
     try:
-        trace = replay_log(path, load_profile(profile), How(window=window))
+        trace = replay_log(path, profile, How(window=window))
     except InputError as error:
         return Checked(str(path), fault=str(error))
     warned_s = {word: round(s, 1) for word, s in trace.warned_s.items() if word != DIFFERS}

@@ -11,6 +11,7 @@ import numpy as np
 from estimator.arrays import Floats
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, batch_angle_errors
 from estimator.profile import Profile
+from fuzzbee.options import SIMULATION
 from fuzzbee.replays.exports import ERRORS, Columns, vectors, write_columns
 from fuzzbee.replays.figure import BLACK, DARK, add_legend, written_figure
 from fuzzbee.replays.plot import TIME, draw_angles
@@ -31,8 +32,8 @@ Export = Callable[[Sequence[int], Results], None]
 def report_simulation(
     profile: Profile,
     seeds: Sequence[int],
-    fixed_gain: float | None = None,
-    exports: Sequence[Export] = (),
+    fixed_gain: float | None,
+    exports: Sequence[Export],
 ) -> SimulationReport:
     """Run all seeds, and hand them to the exports. Errors in degrees are over all their samples."""
     started = time.perf_counter()
@@ -46,7 +47,7 @@ def report_simulation(
     converged = [i[0] / COST_RATE_HZ if len(i) else np.inf for i in below]
     samples, hz = len(all_errors), COST_RATE_HZ
     return SimulationReport(
-        source="sim:",
+        source=SIMULATION,
         vehicle=VehicleSummary(1, 1, None, None),
         imu=ImuSummary("RAW_IMU", samples, {"RAW_IMU": samples}, hz, hz, 1.0 / hz, None),
         duration_s=(COST_SAMPLES - 1) / hz,

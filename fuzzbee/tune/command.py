@@ -9,8 +9,6 @@ from estimator.errors import InputError
 from fuzzbee import options as opt
 from fuzzbee import outputs
 
-SIMULATION = "sim:"
-
 _SOURCES = "Log files, or sim: for the paper's signals."
 _BASE = (
     "Where to start: paper, imu or a TOML file."
@@ -81,11 +79,11 @@ class TuneRequest(NamedTuple):
     @property
     def is_simulated(self) -> bool:
         """Whether the paper's signals are searched on; else logs are."""
-        return SIMULATION in self.sources
+        return opt.SIMULATION in self.sources
 
 
 @opt.command
-def tune(request: TuneRequest) -> None:
+def tune(request: TuneRequest) -> int:
     """Tune a profile with an artificial bee colony.
 
     The same options give the same file. Ctrl-C writes the best so far, and
@@ -108,6 +106,4 @@ def tune(request: TuneRequest) -> None:
     files = (request.output, checkpoint_path(request.output))
     written = [*(("--output", file) for file in files), ("--rrd", request.rrd)]
     outputs.require_own_files(written, [*request.sources, *(request.hold_out or []), request.base])
-    status = run_plan(plan(request), viewer)
-    if status:
-        raise typer.Exit(status)
+    return run_plan(plan(request), viewer)

@@ -13,8 +13,8 @@ from estimator.calibration import PLAIN, Calibration
 from estimator.errors import InputError
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile, profile_to_toml
 from fuzzbee.notify import notify, print_line
-from fuzzbee.options import asked_for, require_extra, seed_range, time_window
-from fuzzbee.tune.command import SIMULATION, TuneRequest
+from fuzzbee.options import SIMULATION, asked_for, require_extra, seed_range, time_window
+from fuzzbee.tune.command import TuneRequest
 from fuzzbee.tune.read_flight import REFERENCES, read_flight, reference_text
 from fuzzbee.version import __version__
 from tuning import task as tasks

@@ -59,12 +59,11 @@ class Trajectory:
         self._rows = np.arange(0, len(time_s), step)
         q = recording.q_ned_frd[self._rows]
         self._R: Floats = Rotation.from_quat(np.roll(q, -1, axis=1)).as_matrix()
-        self._times_s = recording.time_s[self._rows]
+        self._times_s = time_s[self._rows]
         self.has_rates = len(recording.velocity_time_s) > 0
         self._v, self._p = np.zeros((2, len(q), 3))
         if self.has_rates:
-            columns = zip(self._v.T, recording.velocity_ned_m_s.T, strict=True)
-            for own, reported in columns:
+            for own, reported in zip(self._v.T, recording.velocity_ned_m_s.T, strict=True):
                 own[:] = np.interp(self._times_s, recording.velocity_time_s, reported)
         self.x, self._own = np.zeros(CONSTANTS), np.zeros(OWN)
         self.linearise()
@@ -80,7 +79,6 @@ class Trajectory:
         self._variance = (np.array(FIRST) * of_field) ** 2  # of one that stands alone
         self._seen = self._variance.copy()
         self._sizes, self._least = np.sqrt(self._variance), np.array(LEAST) * of_field
-        self._solved = np.zeros((0, 0))
 
     @property
     def lags_s(self) -> Floats:

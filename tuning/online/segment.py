@@ -86,7 +86,7 @@ def fly_again(profile: Profile, segment: Segment, wrong_ned: Quaternion | None =
     estimator.snapshot = before
     estimator.replace_profile(profile)
     reports, others = split_calls(segment.calls)
-    return course_of(estimator, segment.rows, others, reports=reports)
+    return course_of(estimator, segment.rows, others, reports)
 
 
 def cost_on(profile: Profile, segment: Segment, whole: Segment | None = None) -> Floats:
