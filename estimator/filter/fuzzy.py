@@ -86,15 +86,9 @@ def centroid(strengths: Strengths, sets: Five) -> float:
     vs, s, m, large, vl = strengths
     strong = int(vs > 0.0) + int(s > 0.0) + int(m > 0.0) + int(large > 0.0) + int(vl > 0.0)
     if strong == 1:  # the usual case near the truth
-        if vs > 0.0:
-            return single_centroid(vs, sets[0])
-        if s > 0.0:
-            return single_centroid(s, sets[1])
-        if m > 0.0:
-            return single_centroid(m, sets[2])
-        if large > 0.0:
-            return single_centroid(large, sets[3])
-        return single_centroid(vl, sets[4])
+        for i in range(5):
+            if strengths[i] > 0.0:
+                return single_centroid(strengths[i], sets[i])
     area, moment = union(strengths, sets)
     if area < FAINT_AREA:
         lifted = (
