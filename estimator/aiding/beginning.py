@@ -122,8 +122,7 @@ def initial_bias_prior(params: AidingParams) -> BiasPrior:
 
 def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
     """The place of state, covariance and velocity history while there is no aiding."""
-    nothing = Start(IDENTITY, 0.0)
-    state, P, velocity_history = begin(params, nothing, NO_SAMPLE, NO_REPORT)
+    state, P, velocity_history = begin(params, Start(IDENTITY, 0.0), NO_SAMPLE, NO_REPORT)
     return state, np.zeros_like(P), velocity_history
 
 
