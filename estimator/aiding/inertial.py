@@ -57,7 +57,6 @@ GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
 LEARNT_LASTS_S = 2500.0
 # Forces usually lie at least this far off the line through two others, m/s^2: noise and shaking.
 LEAST_KNOCK_M_S2 = 2.0
-# A slow error beyond ``REACH`` of its sigmas has jumped, and lasts up to ``FAR`` times as long.
 
 moved = replacer(
     AidingEstimate, *("q_ned_frd", "velocity_ned_m_s", "receiver_error_m_s", "filter_error_m_s")

@@ -213,14 +213,14 @@ class AidingState(NamedTuple):
 
     estimate: AidingEstimate  # attitude, velocity, biases, lags, fields
     last: LastStep  # the sample that the next step begins from
-    field: FieldState  # how the magnetometer agrees
-    agreement: Agreements  # how the velocity reports agree
     sigma: Sigmas  # as published
-    rough: Roughness  # the gyroscope's readings
     acceleration_tilt: AccelerationTilt  # what deceives the unaided vertical
     correction_cusum: CorrectionCusum  # what was corrected lately
-    wheels: Wheels  # what they have shown
     bias_prior: BiasPrior  # what biases may be
+    field: FieldState = FieldState()  # how the magnetometer agrees
+    agreement: Agreements = Agreements()  # how the velocity reports agree
+    rough: Roughness = Roughness()  # the gyroscope's readings
+    wheels: Wheels = Wheels()  # what they have shown
     gyroscope_fault: GyroscopeFault = GyroscopeFault()
 
 

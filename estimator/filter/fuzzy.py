@@ -2,9 +2,8 @@
 
 min for AND, max over rules and for aggregation, clipped triangles, and the centroid of the
 piecewise-linear aggregate in closed form: areas of sets, less what they share. Tests compare it
-with scikit-fuzzy, to 1e-9 relative.
-Paper: Section III-B, Table I "FLC" (rules), Figs. 4 "FLC_Inp_MMF" and 5 "FLC_Out_MMF"
-(memberships).
+with scikit-fuzzy, to 1e-9 relative. Paper: Section III-B, Table I "FLC" (rules), Figs. 4
+"FLC_Inp_MMF" and 5 "FLC_Out_MMF" (memberships).
 """
 
 import numpy as np

@@ -172,9 +172,8 @@ def field_is_usable(state: State, now: Core) -> bool:
 def iron_sigma_gauss(state: State, now: Core) -> float:
     """How large the vehicle's own field may be, on each axis.
 
-    What calibration has left over is not known better than the field's strength and dip, two of
-    its three components, lie off the place's. Without a calibration it may be all that is
-    seen.
+    What calibration has left over is not known better than the field's strength and dip, two of its
+    three components, lie off the place's. Without a calibration it may be all that is seen.
     """
     aiding, place = state.settings.aiding, state.place_field
     seen, known = now.conditioning.field.magnetic.reference, state.context.compass

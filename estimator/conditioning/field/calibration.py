@@ -159,8 +159,8 @@ def learn_calibration(
         dx = subtract(x, means.turning)
         mean = means.axes
         north, east = subtract(axes.north, mean.north), subtract(axes.east, mean.east)
-        r = (north, east, subtract(axes.down, mean.down))
-        turned = dot(north, north) + dot(east, east) + dot(r[2], r[2])
+        down = subtract(axes.down, mean.down)
+        r, turned = (north, east, down), dot(north, north) + dot(east, east) + dot(down, down)
         is_slow = dt_s > LONGEST_STEP_S
         shows_offset = turned >= params.calibration_turn and not is_slow
         own = params.calibration_reach**2 * turned + p[9] * dot(dx, dx)
