@@ -23,7 +23,7 @@ from msgspec import Meta, Struct
 from estimator.aiding.types import AidingParams
 from estimator.arrays import Floats
 from estimator.bounds import require_within
-from estimator.calibration import BODY_AXES, PLAIN, Calibration, Mounting
+from estimator.calibration import Calibration, Mounting
 from estimator.conditioning.params import ConditioningParams
 from estimator.errors import InputError, file_text
 from estimator.filter import memberships
@@ -33,12 +33,8 @@ SHIPPED = ("paper", "imu", "adaptive")
 # The parser's time and memory grow with the square of a key's parts
 TOO_DEEP = re.compile(r"(?<![\w\"'-])(?:[\w\"'-]++[ \t]*+\.[ \t]*+){32}")
 
-# Bounds of the filter's own parameters, as estimator/bounds.py has them for the other sections.
-Gamma = Annotated[float, Meta(ge=0.0, le=1e3)]
+# Bounds of what several parameters share; estimator/bounds.py has them for the other sections.
 LEAST_GAIN, MOST_GAIN = 1e-2, 1e4
-FixedGain = Annotated[float, Meta(ge=LEAST_GAIN, le=MOST_GAIN)]
-FilterTime = Annotated[float, Meta(ge=1e-3, le=1e3)]
-BiasBound = Annotated[float, Meta(ge=0.0, le=100.0)]
 Weight = Annotated[float, Meta(ge=0.0, le=1e3)]
 Element = Annotated[float, Meta(ge=-1e3, le=1e3)]
 Row = tuple[Element, Element, Element]
@@ -68,10 +64,10 @@ class Filter(Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     gain: Literal["fuzzy", "noise", "fixed"] = "fuzzy"
-    fixed_gain: FixedGain = 20.0
-    gamma: Gamma = 1.0
-    rate_time_constant_s: FilterTime = 0.3
-    bias_bound_rad_s: BiasBound = 2.0
+    fixed_gain: Annotated[float, Meta(ge=LEAST_GAIN, le=MOST_GAIN)] = 20.0
+    gamma: Annotated[float, Meta(ge=0.0, le=1e3)] = 1.0
+    rate_time_constant_s: Annotated[float, Meta(ge=1e-3, le=1e3)] = 0.3
+    bias_bound_rad_s: Annotated[float, Meta(ge=0.0, le=100.0)] = 2.0
     euler_step_max_s: Annotated[float, Meta(ge=0.0, le=0.01)] = 0.01
     first_step_s: Annotated[float, Meta(ge=0.0, le=0.01)] = 0.0
     initial_attitude: Literal["align"] | tuple[Row, Row, Row] = "align"
@@ -118,11 +114,11 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def has_plain_imu(self) -> bool:
         """Whether readings are taken as they are."""
-        return self.calibration == PLAIN and self.mounting == BODY_AXES
+        return self.calibration.is_plain and self.mounting.has_body_axes
 
     def to_body_axes(self, sample: ImuSample) -> ImuSample:
         """A sample of the sensor, calibrated, as the body would have it."""
-        if self.calibration == PLAIN and self.mounting == BODY_AXES:
+        if self.has_plain_imu:
             return sample
         gyr, acc, mag = self._applied(sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss)
         return sample._replace(gyr_rad_s=gyr, acc_m_s2=acc, mag_gauss=mag)
@@ -205,8 +201,7 @@ def _completed(tree: Mapping[str, Any]) -> dict[str, Any]:
     """A file without memberships changes a shipped profile: that of its kind of vectors."""
     conditioning = tree.get("conditioning")
     is_raw = isinstance(conditioning, Mapping) and conditioning.get("enabled") is False
-    base = load_profile("paper" if is_raw else "imu")
-    return _merged(base, {"provenance": {}, **tree})
+    return _merged(load_profile("paper" if is_raw else "imu"), {"provenance": {}, **tree})
 
 
 def _merged(base: Profile, partial: Mapping[str, Any]) -> dict[str, Any]:

@@ -13,6 +13,7 @@ from estimator.aiding.types import AccelerationTilt
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import MOST_DEVIATION
+from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
@@ -21,49 +22,43 @@ ACCELERATION_TILT_TAU_S = ConditioningParams().gravity_tau_s
 # A smaller acceleration (m/s^2) does not distinguish two attitudes.
 LEAST_PUSH_M_S2 = 1.0
 
-with_means = replacer(AccelerationTilt, "felt_m_s2", "reported_m_s")
 with_latest = replacer(AccelerationTilt, "latest_m_s")
 
 
 @inlined
 def watch_acceleration_tilt(
-    acceleration_tilt: AccelerationTilt, force_ned_m_s2: Vec3, dt: float
+    tilt: AccelerationTilt, force_ned_m_s2: Vec3, dt: float
 ) -> AccelerationTilt:
     """The means after one more sample."""
     share = dt / (ACCELERATION_TILT_TAU_S + dt)
-    felt = subtract(add(force_ned_m_s2, GRAVITY_NED), acceleration_tilt.felt_m_s2)
-    ahead = subtract(acceleration_tilt.latest_m_s, acceleration_tilt.reported_m_s)
-    felt_m_s2 = add(acceleration_tilt.felt_m_s2, scale(share, felt))
-    return with_means(
-        acceleration_tilt, felt_m_s2, add(acceleration_tilt.reported_m_s, scale(share, ahead))
-    )
+    felt_m_s2 = approach(tilt.felt_m_s2, add(force_ned_m_s2, GRAVITY_NED), share)
+    reported_m_s = approach(tilt.reported_m_s, tilt.latest_m_s, share)
+    return AccelerationTilt(felt_m_s2, reported_m_s, tilt.latest_m_s)
 
 
 @inlined
-def acceleration_tilt_angle(
-    acceleration_tilt: AccelerationTilt, is_silent: bool, slow: float
-) -> float:
+def acceleration_tilt_angle(tilt: AccelerationTilt, is_silent: bool, slow: float) -> float:
     """The tilt (rad); without reports it follows from the felt acceleration.
 
     On a ``slow`` stream without reports that acceleration is mostly the aided attitude's own error.
     """
-    felt = acceleration_tilt.felt_m_s2
-    gained = subtract(acceleration_tilt.latest_m_s, acceleration_tilt.reported_m_s)
+    felt = tilt.felt_m_s2
+    gained = subtract(tilt.latest_m_s, tilt.reported_m_s)
     push = hypot(felt[0], felt[1])
     if is_silent:
         return push / STANDARD_GRAVITY_M_S2 * (1.0 - slow)
     return min(push, hypot(gained[0], gained[1]) / ACCELERATION_TILT_TAU_S) / STANDARD_GRAVITY_M_S2
 
 
-def explains_acceleration(acceleration_tilt: AccelerationTilt) -> bool:
+def explains_acceleration(tilt: AccelerationTilt) -> bool:
     """Whether the reports have accelerated as the aided attitude feels it, and clearly so.
 
     The unaided vertical is the mean force, which denies that the vehicle has accelerated at all. If
     the reports show that it has, the attitude that explains it is the better one, whatever a
     report's speed or the field shows. An attitude that is not a number explains nothing.
     """
-    gained = subtract(acceleration_tilt.latest_m_s, acceleration_tilt.reported_m_s)
+    gained = subtract(tilt.latest_m_s, tilt.reported_m_s)
     seen = scale(1.0 / ACCELERATION_TILT_TAU_S, gained)
-    left = subtract(acceleration_tilt.felt_m_s2, seen)
+    left = subtract(tilt.felt_m_s2, seen)
     push = hypot(seen[0], seen[1])
     return push > LEAST_PUSH_M_S2 and hypot(left[0], left[1]) < MOST_DEVIATION * push

@@ -28,13 +28,10 @@ from estimator.aiding.types import (
     Array,
     BiasPrior,
     CorrectionCusum,
-    FieldState,
     GyroscopeFault,
     LastStep,
     Report,
-    Roughness,
     Sigmas,
-    Wheels,
 )
 from estimator.aiding.velocity_history import new_velocity_history
 from estimator.conditioning.params import SPAN_S
@@ -99,17 +96,13 @@ def begin(
             rate_rad_s=subtract(sample.gyr_rad_s, gyr_bias),
             dt_s=SPAN_S,
         ),
-        field=FieldState(),
-        agreement=Agreements(),
         sigma=Sigmas(first.tilt_sigma_rad, sqrt(heading)),
-        rough=Roughness(),
         acceleration_tilt=AccelerationTilt(
             ZERO_VEC3, report.velocity_ned_m_s, report.velocity_ned_m_s
         ),
         correction_cusum=CorrectionCusum(
             ZERO_VEC3, gyr_bias, 3.0 * params.gyr_bias_sigma**2, 0.0, 0.0
         ),
-        wheels=Wheels(),
         bias_prior=initial_bias_prior(params),
     )
     return state, P, new_velocity_history(add(state.last.force_ned_m_s2, GRAVITY_NED))
@@ -122,8 +115,7 @@ def initial_bias_prior(params: AidingParams) -> BiasPrior:
 
 def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
     """The place of state, covariance and velocity history while there is no aiding."""
-    nothing = Start(IDENTITY, 0.0)
-    state, P, velocity_history = begin(params, nothing, NO_SAMPLE, NO_REPORT)
+    state, P, velocity_history = begin(params, Start(IDENTITY, 0.0), NO_SAMPLE, NO_REPORT)
     return state, np.zeros_like(P), velocity_history
 
 
@@ -138,14 +130,10 @@ def inflate_covariance(state: AidingState, covariance: Array) -> tuple[AidingSta
     square = max(1.0, min(FAR, HALF_TURN_VARIANCE / float(P.diagonal()[turn].max())))
     P[turn, turn] *= square
     factor = sqrt(square)
-    by_filter, by_receiver = state.agreement
-    inclination, heading = state.sigma
     return state._replace(
-        agreement=Agreements(
-            by_filter._replace(far_off_s=0.0), by_receiver._replace(far_off_s=0.0)
-        ),
+        agreement=Agreements(*(each._replace(far_off_s=0.0) for each in state.agreement)),
         field=state.field._replace(far_off_s=0.0),
-        sigma=Sigmas(factor * inclination, factor * heading),
+        sigma=Sigmas(*(factor * each for each in state.sigma)),
     ), P
 
 

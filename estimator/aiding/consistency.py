@@ -79,9 +79,10 @@ class Consistency(NamedTuple):
 
 NEW_CONSISTENCY = Consistency()
 
-with_motion = replacer(Consistency, "q_g_frd", "window", "turned_rad")
-with_time = replacer(Consistency, "report_wait_s", "field_wait_s")
-with_reporter = replacer(Consistency, "by_receiver", "report_wait_s")
+with_motion = replacer(
+    Consistency, "q_g_frd", "window", "turned_rad", "report_wait_s", "field_wait_s"
+)
+with_window = replacer(Consistency, "window", "turned_rad", "by_receiver", "report_wait_s")
 with_force = replacer(Consistency, "force_wait_s", "force", "tilt")
 with_field = replacer(Consistency, "field_wait_s", "field", "heading")
 with_error = replacer(Consistency, "error", "error_rate_1_s")
@@ -120,8 +121,7 @@ def inflated(sigma: Sigmas, consistency: Consistency) -> Sigmas:
 def compare_sample(consistency: Consistency, aided: AidingState, sample: Sample) -> Consistency:
     """One sample's force added to the window; differences fade while no window is closed."""
     dt = sample.dt_s
-    turn = exp(scale(dt, aided.last.rate_rad_s))
-    q_g_frd = normalize(multiply(consistency.q_g_frd, turn))
+    q_g_frd = normalize(multiply(consistency.q_g_frd, exp(scale(dt, aided.last.rate_rad_s))))
     ahead = exp(scale(aided.estimate.acc_lead_s, aided.last.rate_rad_s))
     felt = subtract(sample.acc_m_s2, aided.estimate.acc_bias_m_s2)
     force_g = rotate(multiply(q_g_frd, ahead), felt)
@@ -133,12 +133,9 @@ def compare_sample(consistency: Consistency, aided: AidingState, sample: Sample)
         force = Direction(force.g, force.ned, 0.0)
     turned_rad = consistency.turned_rad + dt * norm(aided.last.rate_rad_s)
     window = extend_window(consistency.window, force_g, dt)
-    consistency = with_time(
-        consistency, consistency.report_wait_s + dt, consistency.field_wait_s + dt
-    )
-    return with_force(
-        with_motion(consistency, q_g_frd, window, turned_rad), force_wait_s, force, tilt
-    )
+    report_wait_s, field_wait_s = consistency.report_wait_s + dt, consistency.field_wait_s + dt
+    moved = with_motion(consistency, q_g_frd, window, turned_rad, report_wait_s, field_wait_s)
+    return with_force(moved, force_wait_s, force, tilt)
 
 
 @inlined
@@ -176,9 +173,8 @@ def compare_report(
         force = Direction(unit(pushed), unit(expected), share)
         tilt = average(tilt, turn[0], turn[1], time_s)
         force_wait_s = 0.0
-    consistency = with_motion(consistency, consistency.q_g_frd, opened, turned_rad)
-    consistency = with_force(consistency, force_wait_s, force, tilt)
-    return with_reporter(consistency, is_receiver, 0.0)
+    consistency = with_window(consistency, opened, turned_rad, is_receiver, 0.0)
+    return with_force(consistency, force_wait_s, force, tilt)
 
 
 @inlined

@@ -43,11 +43,7 @@ def known(P: Array) -> Known:
 
 @inlined
 def pass_time(
-    params: AidingParams,
-    correction_cusum: CorrectionCusum,
-    estimate: AidingEstimate,
-    P: Array,
-    dt: float,
+    params: AidingParams, cusum: CorrectionCusum, estimate: AidingEstimate, P: Array, dt: float
 ) -> CorrectionCusum:
     """Corrections ``dt`` older. An unexpected bias has turned the attitude, too.
 
@@ -58,36 +54,36 @@ def pass_time(
     variance = P[GYR_BIAS, GYR_BIAS]
     variance += P[GYR_BIAS + 1, GYR_BIAS + 1] + P[GYR_BIAS + 2, GYR_BIAS + 2]
     expected = 3.0 * params.gyr_bias_sigma**2
-    before = max(expected, correction_cusum.least_variance)
+    before = max(expected, cusum.least_variance)
     least = max(expected, min(variance, before))
     bias_prior = least / before
-    change = subtract(estimate.gyr_bias_rad_s, correction_cusum.bias_rad_s)
+    change = subtract(estimate.gyr_bias_rad_s, cusum.bias_rad_s)
     turned = scale(-dt, rotate(estimate.q_ned_frd, change))
     return CorrectionCusum(
-        turn_rad=add(scale(keep, correction_cusum.turn_rad), turned),
-        bias_rad_s=add(correction_cusum.bias_rad_s, scale(1.0 - keep * bias_prior, change)),
+        turn_rad=add(scale(keep, cusum.turn_rad), turned),
+        bias_rad_s=add(cusum.bias_rad_s, scale(1.0 - keep * bias_prior, change)),
         least_variance=least,
-        level=keep * keep * correction_cusum.level,
-        heading=keep * keep * correction_cusum.heading,
+        level=keep * keep * cusum.level,
+        heading=keep * keep * cusum.heading,
     )
 
 
 @inlined
 def add_correction(
-    correction_cusum: CorrectionCusum, turn_rad: Vec3, before: Known, after: Known
+    cusum: CorrectionCusum, turn_rad: Vec3, before: Known, after: Known
 ) -> CorrectionCusum:
     """One more correction (NED), which has brought the variances down."""
     return CorrectionCusum(
-        turn_rad=add(correction_cusum.turn_rad, turn_rad),
-        bias_rad_s=correction_cusum.bias_rad_s,
-        least_variance=correction_cusum.least_variance,
-        level=correction_cusum.level + max(0.0, before.level - after.level),
-        heading=correction_cusum.heading + max(0.0, before.heading - after.heading),
+        turn_rad=add(cusum.turn_rad, turn_rad),
+        bias_rad_s=cusum.bias_rad_s,
+        least_variance=cusum.least_variance,
+        level=cusum.level + max(0.0, before.level - after.level),
+        heading=cusum.heading + max(0.0, before.heading - after.heading),
     )
 
 
 @inlined
-def with_unexpected_turn(sigma: Sigmas, correction_cusum: CorrectionCusum, P: Array) -> Sigmas:
+def with_unexpected_turn(sigma: Sigmas, cusum: CorrectionCusum, P: Array) -> Sigmas:
     """The sigmas with what the corrections have turned beyond their expected variance.
 
     A bias that changes at once turns the attitude by at most ``MEMORY_S``/e of that before its mean
@@ -95,10 +91,10 @@ def with_unexpected_turn(sigma: Sigmas, correction_cusum: CorrectionCusum, P: Ar
     """
     by_bias = (MEMORY_S / e) ** 2 / 3.0
     by_bias *= P[GYR_BIAS, GYR_BIAS] + P[GYR_BIAS + 1, GYR_BIAS + 1] + P[GYR_BIAS + 2, GYR_BIAS + 2]
-    north, east, down = correction_cusum.turn_rad
+    north, east, down = cusum.turn_rad
     level = north * north + east * east
-    level -= MOST_SQUARE * (correction_cusum.level + 2.0 * by_bias)
-    heading = down * down - MOST_SQUARE * (correction_cusum.heading + by_bias)
+    level -= MOST_SQUARE * (cusum.level + 2.0 * by_bias)
+    heading = down * down - MOST_SQUARE * (cusum.heading + by_bias)
     return Sigmas(
         inclination_rad=hypot(sigma.inclination_rad, sqrt(max(0.0, level))),
         heading_rad=hypot(sigma.heading_rad, sqrt(max(0.0, heading))),

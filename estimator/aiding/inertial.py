@@ -1,4 +1,7 @@
-"""Attitude and velocity from one sample to the next, by gyroscope and accelerometer."""
+"""Attitude and velocity from one sample to the next, by gyroscope and accelerometer.
+
+What is learnt at a sample is put into the estimate: true value = estimate + error.
+"""
 
 from math import exp as real_exp
 from math import sqrt
@@ -9,11 +12,16 @@ import numpy as np
 from estimator.aiding.covariance import move_rows, rotation_matrix
 from estimator.aiding.types import (
     ACC_BIAS,
+    COMPASS_TURN,
     EARTH,
+    FIELD_LAG,
     FILTER_ERROR,
+    FILTER_LAG,
     GYR_BIAS,
     HARD_IRON,
+    IMU_LAG,
     RECEIVER_ERROR,
+    RECEIVER_LAG,
     SIZE,
     TURN,
     VELOCITY,
@@ -22,6 +30,7 @@ from estimator.aiding.types import (
     AidingState,
     Array,
     BiasPrior,
+    LastStep,
     Roughness,
 )
 from estimator.aiding.velocity_history import ACCELERATION, TIME, extend_velocity_history, row
@@ -48,13 +57,10 @@ GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
 LEARNT_LASTS_S = 2500.0
 # Forces usually lie at least this far off the line through two others, m/s^2: noise and shaking.
 LEAST_KNOCK_M_S2 = 2.0
-# A slow error beyond ``REACH`` of its sigmas has jumped, and lasts up to ``FAR`` times as long.
 
 moved = replacer(
     AidingEstimate, *("q_ned_frd", "velocity_ned_m_s", "receiver_error_m_s", "filter_error_m_s")
 )
-
-with_knocked = replacer(Roughness, "knocked")
 
 
 class Prediction(NamedTuple):
@@ -86,9 +92,8 @@ def predict_motion(
     gained = scale(0.5 * dt, add(force, before.force_ned_m_s2))
     v = add(estimate.velocity_ned_m_s, gained)
     v = add(v, scale(dt, GRAVITY_NED))
-    faster = add(gained, scale(dt, GRAVITY_NED))
     velocity_history = extend_velocity_history(
-        velocity_history, faster, add(force, GRAVITY_NED), dt
+        velocity_history, add(gained, scale(dt, GRAVITY_NED)), add(force, GRAVITY_NED), dt
     )
     R = rotation_matrix(q)
     half = move_rows(P, R, gained, dt)  # F P, and then F P F': P is symmetric
@@ -164,7 +169,8 @@ def watch_knocks(rough: Roughness, velocity_history: Array, dt: float) -> Roughn
     """The roughness after one more force; one that is too far off counts little."""
     off = newest_deviation(velocity_history)
     square = min(dot(off, off), largest_knock(rough))
-    return with_knocked(rough, rough.knocked + dt / (USUAL_S + dt) * (square - rough.knocked))
+    knocked = rough.knocked + dt / (USUAL_S + dt) * (square - rough.knocked)
+    return Roughness(rough.second_difference, rough.changed, knocked)
 
 
 @inlined
@@ -276,3 +282,56 @@ def age_error(
             P[j, i] *= keep
         P[i, i] += variance * (1.0 - real_exp(-2.0 * (dt / params.error_tau_s)))
     return scale(keep, error)
+
+
+with_force = replacer(LastStep, "force_ned_m_s2")
+with_last = replacer(AidingState, "estimate", "last")
+
+
+@inlined
+def part(x: Array, first: int) -> Vec3:
+    """Three corrections from ``first`` on."""
+    return (x[first], x[first + 1], x[first + 2])
+
+
+@inlined
+def apply_corrections(now: Prediction, x: Array) -> Prediction:
+    """What is known at a sample with the corrections x; velocity history and covariance stay."""
+    before = now.estimate
+    turn = exp(part(x, TURN))
+    q = normalize(multiply(turn, before.q_ned_frd))
+    change = part(x, ACC_BIAS)
+    estimate = AidingEstimate(
+        q_ned_frd=q,
+        velocity_ned_m_s=add(before.velocity_ned_m_s, part(x, VELOCITY)),
+        gyr_bias_rad_s=add(before.gyr_bias_rad_s, part(x, GYR_BIAS)),
+        acc_bias_m_s2=add(before.acc_bias_m_s2, change),
+        imu_lag_s=before.imu_lag_s + x[IMU_LAG],
+        acc_lead_s=before.acc_lead_s,
+        field_lag_s=before.field_lag_s + x[FIELD_LAG],
+        compass_turn_rad=before.compass_turn_rad + x[COMPASS_TURN],
+        hard_iron_gauss=add(before.hard_iron_gauss, part(x, HARD_IRON)),
+        earth_gauss=add(before.earth_gauss, part(x, EARTH)),
+        receiver_lag_s=before.receiver_lag_s + x[RECEIVER_LAG],
+        filter_lag_s=before.filter_lag_s + x[FILTER_LAG],
+        receiver_error_m_s=add(before.receiver_error_m_s, part(x, RECEIVER_ERROR)),
+        filter_error_m_s=add(before.filter_error_m_s, part(x, FILTER_ERROR)),
+    )
+    force = subtract(rotate(turn, now.force_ned_m_s2), rotate(q, change))
+    return Prediction(estimate, force, now.rate_rad_s, now.velocity_history, now.covariance)
+
+
+@inlined
+def prediction_at(state: AidingState, P: Array, velocity_history: Array) -> Prediction:
+    """What is known at the last sample, for a report that comes behind it. ``P`` is copied."""
+    last = state.last
+    return Prediction(
+        state.estimate, last.force_ned_m_s2, last.rate_rad_s, velocity_history, P.copy()
+    )
+
+
+@inlined
+def correct_last(state: AidingState, now: Prediction, x: Array) -> AidingState:
+    """The state at the last sample with the corrections x to :func:`prediction_at`."""
+    learnt = apply_corrections(now, x)
+    return with_last(state, learnt.estimate, with_force(state.last, learnt.force_ned_m_s2))

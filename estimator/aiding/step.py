@@ -14,10 +14,18 @@ from estimator.aiding.acceleration_tilt import (
     watch_acceleration_tilt,
     with_latest,
 )
-from estimator.aiding.correction import apply_corrections, correct_last, part, prediction_at
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
 from estimator.aiding.gyroscope_fault import track_errors, watch_gyroscope
-from estimator.aiding.inertial import Prediction, judge_biases, predict_motion, watch_knocks
+from estimator.aiding.inertial import (
+    Prediction,
+    apply_corrections,
+    correct_last,
+    judge_biases,
+    part,
+    predict_motion,
+    prediction_at,
+    watch_knocks,
+)
 from estimator.aiding.sources.field import begin_anew, forget_iron, observe_heading, with_wait
 from estimator.aiding.sources.unaided import observe_down, observe_unaided
 from estimator.aiding.sources.velocity import take_report, wait_for_reports
@@ -112,7 +120,7 @@ def aid(
         last=last,
         field=field,
         agreement=agreement,
-        sigma=sigmas(params, now, last, field, agreement, bias_prior),
+        sigma=sigmas(params, now, field, agreement, bias_prior),
         rough=rough,
         acceleration_tilt=acceleration_tilt,
         correction_cusum=correction_cusum,

@@ -13,7 +13,6 @@ from estimator.aiding.types import (
     Array,
     BiasPrior,
     FieldState,
-    LastStep,
     Scatter,
     Sigmas,
 )
@@ -31,19 +30,16 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 def sigmas(
     params: AidingParams,
     now: Prediction,
-    last: LastStep,
     field: FieldState,
     agreement: Agreements,
     bias_prior: BiasPrior,
 ) -> Sigmas:
     """How uncertain the estimate is after a sample."""
-    P, E = now.covariance, now.estimate.earth_gauss
-    late = sqrt(max(0.0, P[IMU_LAG, IMU_LAG])) * norm(last.rate_rad_s)
-    # how far the hard iron of a calibrated compass may turn the field
-    iron = params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), NORM_SCALE * abs(E[2]), TINY)
+    P = now.covariance
+    late = sqrt(max(0.0, P[IMU_LAG, IMU_LAG])) * norm(now.rate_rad_s)
     return Sigmas(
         inclination_rad=inclination_sigma(params, P, agreement, bias_prior, late),
-        heading_rad=heading_sigma(params, P, agreement, field, iron, late),
+        heading_rad=heading_sigma(params, now, agreement, field, late),
     )
 
 
@@ -68,22 +64,19 @@ def inclination_sigma(
 
 @inlined
 def heading_sigma(
-    params: AidingParams,
-    P: Array,
-    agreement: Agreements,
-    field: FieldState,
-    iron_rad: float,
-    late_rad: float,
+    params: AidingParams, now: Prediction, agreement: Agreements, field: FieldState, late_rad: float
 ) -> float:
     """Sigma by the covariance and the field's slow disagreement: either may be wrong.
 
-    ``iron_rad`` is how far hard iron may turn the field. A heading that is no more certain than
-    that comes from the field, so the reports' agreement does not count.
+    A heading that is no more certain than hard iron may turn the field comes from the field, so the
+    reports' agreement does not count.
     """
     scale = scatter_scale(params, agreement)
     if field.samples == 0.0:
         scale *= params.colour  # by velocity only
-    heading = P[TURN + 2, TURN + 2]
+    heading, E = now.covariance[TURN + 2, TURN + 2], now.estimate.earth_gauss
+    # how far the hard iron of a calibrated compass may turn the field
+    iron_rad = params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), NORM_SCALE * abs(E[2]), TINY)
     by_field = min(1.0, heading / max(iron_rad * iron_rad, 1e-12))
     square = scale * scale
     square += (1.0 - min(1.0, square)) * by_field

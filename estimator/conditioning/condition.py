@@ -18,7 +18,7 @@ from estimator.conditioning.rate import (
     watch_clipping,
 )
 from estimator.conditioning.sigma import certainty_of
-from estimator.conditioning.state import ConditioningState, Directions
+from estimator.conditioning.state import ConditioningState
 from estimator.conditioning.vertical.gravity import level_to
 from estimator.conditioning.vertical.step import VerticalState, begin_vertical, learn_vertical
 from estimator.conditioning.vertical.tilt import slowness
@@ -56,7 +56,6 @@ class Conditioned(NamedTuple):
 
 
 with_vertical = replacer(ConditioningState, "vertical")
-with_vectors = replacer(Sample, "acc_m_s2", "mag", "dt_s")
 
 
 @inlined
@@ -69,8 +68,8 @@ def condition(handle: Any, sample: Sample) -> Conditioned:
     params, is_first = handle.params.conditioning, not handle.conditioning.started
     # Before the first sample there was no interval; what it shows counts as half a step's.
     dt = 0.5 * STEP_S if is_first else max(sample.dt_s, TINY)
-    before = sample.gyr_rad_s if is_first else handle.gathered.gyr_rad_s
-    rate = integration_rate(before, sample.gyr_rad_s, dt, params.averaged_samples)
+    gyr_before = sample.gyr_rad_s if is_first else handle.gathered.gyr_rad_s
+    rate = integration_rate(gyr_before, sample.gyr_rad_s, dt, params.averaged_samples)
     if sample.between.given:
         rate = sample.between.turn_rad_s
     rate = subtract(rate, handle.conditioning.vertical.estimate.bias_rad_s)
@@ -82,7 +81,9 @@ def condition(handle: Any, sample: Sample) -> Conditioned:
     at_end = at_step_end(params, learnt, sample, rate, dt, stands_for_step)
     handle.gathered = gather(handle.gathered, axes_g, at_end)
     if is_first:
-        handle.conditioning = begin(handle.conditioning, handle.gathered.q_g_frd, at_end)
+        before = handle.conditioning.vertical
+        begun = begin_vertical(before, handle.gathered.q_g_frd, at_end.gyr_rad_s, at_end.acc_m_s2)
+        handle.conditioning = with_vertical(handle.conditioning, begun)
     if is_first or handle.gathered.time_s >= STEP_S:
         vertical = handle.conditioning.vertical
         handle.conditioning = learn(params, handle.conditioning, handle.gathered, sample.between)
@@ -93,17 +94,10 @@ def condition(handle: Any, sample: Sample) -> Conditioned:
             rate = corrected_rate(rate, missed, slow, dt)
             turn = exp(scale(dt, rate))
     bias_rad_s = handle.conditioning.vertical.estimate.bias_rad_s
-    gravity_b = to_body(axes_g, handle.conditioning.directions.down_g)
-    magnetic_b = to_body(axes_g, handle.conditioning.directions.north_g)
+    gravity_b = to_body(axes_g, handle.conditioning.down_g)
+    magnetic_b = to_body(axes_g, handle.conditioning.north_g)
     certainty = handle.conditioning.certainty
     return Conditioned(rate, turn, bias_rad_s, gravity_b, magnetic_b, *certainty[:])
-
-
-@inlined
-def begin(state: ConditioningState, q_g_frd: Quaternion, first: Sample) -> ConditioningState:
-    """The state that the first sample is learnt from."""
-    gyr, acc = first.gyr_rad_s, first.acc_m_s2
-    return with_vertical(state, begin_vertical(state.vertical, q_g_frd, gyr, acc))
 
 
 @inlined
@@ -131,7 +125,7 @@ def at_step_end(
             mag = at_interval_end(mag, gyr, dt_s)
     if sample.has_mag:
         mag = correct_field(mag, rate, learnt)
-    return with_vectors(sample, acc, mag, dt_s)
+    return Sample(gyr, acc, mag, sample.has_mag, dt_s, sample.between)
 
 
 @inlined
@@ -144,26 +138,16 @@ def learn(
     levelled = learn_vertical(params, state.vertical, mean, between, force_scatter)
     seen = learn_field(params, state.field, mean, levelled)
     now = learn_events(params, state.events, mean, levelled, seen)
-    certainty = certainty_of(params, now.vertical, now.field, now.events)
     q = level_to(now.vertical.gravity.q_6d_g, now.vertical.gravity.force.best.value)[0]
     heading_rad = now.vertical.estimate.heading_rad
-    north_6d = (cos(heading_rad), -sin(heading_rad), 0.0)
-    directions = Directions(down_of(q), rotate_inverse(q, north_6d))
-    return ConditioningState(
-        vertical=now.vertical,
-        field=now.field,
-        events=now.events,
-        started=True,
-        directions=directions,
-        certainty=certainty,
-    )
+    north_g = rotate_inverse(q, (cos(heading_rad), -sin(heading_rad), 0.0))
+    return ConditioningState(*now[:], True, down_of(q), north_g, certainty_of(params, now))
 
 
 @inlined
 def rotated(q_g_frd: Quaternion, before: VerticalState, now: VerticalState) -> Vec3:
     """By how much a learning step has turned the vehicle: a rotation vector in the body, rad."""
-    missed = log(multiply(conjugate(ned_of_g(before)), ned_of_g(now)))
-    return rotate_inverse(q_g_frd, missed)
+    return rotate_inverse(q_g_frd, log(multiply(conjugate(ned_of_g(before)), ned_of_g(now))))
 
 
 @inlined

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.rate import Clipping, with_aliasing
+from estimator.conditioning.rate import Clipping
 from estimator.geometry.axes import FrameAxes, to_frame
 from estimator.geometry.quaternion import add, scale
 from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Sample, Vec3
@@ -71,5 +71,6 @@ def means(sums: Gathered) -> Gathered:
 @inlined
 def start_again(sums: Gathered) -> Gathered:
     """The same frame and gyroscope, with nothing summed."""
-    clipping = with_aliasing(sums.clipping, ZERO_VEC3)
+    before = sums.clipping
+    clipping = Clipping(before.peak_rad_s, before.run_s, ZERO_VEC3)
     return with_frame(NOTHING, sums.q_g_frd, sums.gyr_rad_s, clipping)

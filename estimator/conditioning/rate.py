@@ -6,7 +6,7 @@ A reading that stands still at its largest value hides a faster turn.
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import LONGEST_STEP_S
 from estimator.geometry.quaternion import add, cross, exp, log, multiply, scale, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
@@ -90,9 +90,6 @@ class Clipping(NamedTuple):
     peak_rad_s: Vec3 = ZERO_VEC3  # largest reading so far, either way
     run_s: Vec3 = ZERO_VEC3  # for how long the axis has stood at its peak
     aliasing: Vec3 = ZERO_VEC3  # variance of the turn missed since the last learning step, rad^2
-
-
-with_aliasing = replacer(Clipping, "aliasing")
 
 
 @inlined

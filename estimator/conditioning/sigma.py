@@ -5,10 +5,10 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.jump_signs import turn_of
-from estimator.conditioning.events.step import EventsState
+from estimator.conditioning.events.step import EventsState, EventsStep
 from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
-from estimator.conditioning.field.step import MagnetometerState, north_east, wrap_angle
+from estimator.conditioning.field.step import north_east, wrap_angle
 from estimator.conditioning.params import CONFIRM_S, LONG_S, SPAN_S, USUAL_S, ConditioningParams
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.gravity import heading_frame, lag_square
@@ -43,14 +43,9 @@ class Certainty(NamedTuple):
 
 
 @inlined
-def certainty_of(
-    params: ConditioningParams,
-    vertical: VerticalState,
-    field: MagnetometerState,
-    events: EventsState,
-) -> Certainty:
+def certainty_of(params: ConditioningParams, now: EventsStep) -> Certainty:
     """The certainty after a learning step; until the next one nothing changes it."""
-    magnetic = field.magnetic
+    vertical, magnetic, events = now.vertical, now.field.magnetic, now.events
     known = has_heading(magnetic)
     return Certainty(
         has_heading=known,
@@ -58,7 +53,7 @@ def certainty_of(
         magnetic_confidence=magnetic.look.confidence if magnetic.wait_s < SPAN_S else 0.0,
         sigma_inclination_rad=sigma_inclination(params, vertical, events, vertical.tilt.variance),
         sigma_brief_rad=sigma_inclination(params, vertical, events, vertical.tilt.fresh),
-        sigma_heading_rad=sigma_heading(params, vertical, field, events) if known else inf,
+        sigma_heading_rad=sigma_heading(params, now) if known else inf,
     )
 
 
@@ -121,12 +116,7 @@ def alternative(vertical: VerticalState, magnetic: MagneticState, events: Events
 
 
 @inlined
-def sigma_heading(
-    params: ConditioningParams,
-    vertical: VerticalState,
-    field: MagnetometerState,
-    events: EventsState,
-) -> float:
+def sigma_heading(params: ConditioningParams, now: EventsStep) -> float:
     """Angle (rad) that 68 % of the heading errors lie under.
 
     The variance P takes the field's error for white. In the long run P is little beside errors that
@@ -135,7 +125,8 @@ def sigma_heading(
     of gravity, whose error bends a steep field. So P counts as P^2/(P + P_1), except for slow
     streams, whose P is what they miss, and without a field.
     """
-    magnetic, p = field.magnetic, vertical.estimate.covariance[9]
+    vertical, magnetic, events = now.vertical, now.field.magnetic, now.events
+    p = vertical.estimate.covariance[9]
     steep = steepness(magnetic.reference)
     constant = MEASURED_SQUARE * events.heading.scatter + alternative(vertical, magnetic, events)
     dt_s = vertical.coefficients.dt_s
@@ -148,7 +139,7 @@ def sigma_heading(
     by_tilt = 0.5 * steep * (events.gravity.uneven + tilt_variance)
     constant += LEAST_DIRECTION_RAD**2 + by_tilt + events.inflation.variance
     uneven = max(0.0, magnetic.reference.uneven - SCALE_ERROR**2)
-    _, own_left = own_field(field.calibration.learnt)
+    _, own_left = own_field(now.field.calibration.learnt)
     constant += (1.0 + steep) * (MEASURED_SQUARE * uneven + 0.5 * own_left)
     counts = max(slow, min(1.0, magnetic.wait_s / SPAN_S))
     own = p * (counts + (1.0 - counts) * p / (p + SETTLED_HEADING_RAD**2))

@@ -18,13 +18,6 @@ from estimator.geometry.quaternion import multiply, normalize, rotate_inverse
 from estimator.types import Quaternion, Vec3
 
 
-class Directions(NamedTuple):
-    """Down and magnetic north in G, as the last learning step has found them."""
-
-    down_g: Vec3 = (0.0, 0.0, 1.0)  # unit vector
-    north_g: Vec3 = (1.0, 0.0, 0.0)  # unit vector, horizontal
-
-
 class ConditioningState(NamedTuple):
     """What learning steps change; what every sample does is :class:`Gathered`."""
 
@@ -32,7 +25,8 @@ class ConditioningState(NamedTuple):
     field: MagnetometerState  # the magnetic field
     events: EventsState = EventsState()  # turns that were not seen
     started: bool = False  # whether there has been a sample
-    directions: Directions = Directions()  # for the next samples
+    down_g: Vec3 = (0.0, 0.0, 1.0)  # unit vector in G, for the next samples
+    north_g: Vec3 = (1.0, 0.0, 0.0)  # magnetic north likewise, horizontal
     certainty: Certainty = Certainty()  # of these directions
 
 
@@ -76,8 +70,7 @@ def apply_turn(
     vertical, calibration = state.vertical, state.field.calibration
     q = normalize(multiply(gathered.q_g_frd, turn_frd))
     lagged, means = vertical.lagged, calibration.means
-    turned = [rotate_inverse(turn_frd, axis) for axis in means.axes]
-    means = means._replace(axes=FrameAxes(*turned))
+    means = means._replace(axes=FrameAxes(*[rotate_inverse(turn_frd, axis) for axis in means.axes]))
     state = state._replace(
         vertical=vertical._replace(
             lagged=lagged._replace(

@@ -2,9 +2,8 @@
 
 min for AND, max over rules and for aggregation, clipped triangles, and the centroid of the
 piecewise-linear aggregate in closed form: areas of sets, less what they share. Tests compare it
-with scikit-fuzzy, to 1e-9 relative.
-Paper: Section III-B, Table I "FLC" (rules), Figs. 4 "FLC_Inp_MMF" and 5 "FLC_Out_MMF"
-(memberships).
+with scikit-fuzzy, to 1e-9 relative. Paper: Section III-B, Table I "FLC" (rules), Figs. 4
+"FLC_Inp_MMF" and 5 "FLC_Out_MMF" (memberships).
 """
 
 import numpy as np
@@ -86,15 +85,9 @@ def centroid(strengths: Strengths, sets: Five) -> float:
     vs, s, m, large, vl = strengths
     strong = int(vs > 0.0) + int(s > 0.0) + int(m > 0.0) + int(large > 0.0) + int(vl > 0.0)
     if strong == 1:  # the usual case near the truth
-        if vs > 0.0:
-            return single_centroid(vs, sets[0])
-        if s > 0.0:
-            return single_centroid(s, sets[1])
-        if m > 0.0:
-            return single_centroid(m, sets[2])
-        if large > 0.0:
-            return single_centroid(large, sets[3])
-        return single_centroid(vl, sets[4])
+        for i in range(5):
+            if strengths[i] > 0.0:
+                return single_centroid(strengths[i], sets[i])
     area, moment = union(strengths, sets)
     if area < FAINT_AREA:
         lifted = (

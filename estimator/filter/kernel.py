@@ -19,6 +19,7 @@ from estimator.filter.noise_gain import (
 )
 from estimator.filter.observation import ReferenceParams, raw_vectors
 from estimator.filter.types import (
+    COLLINEAR_SINE,
     NO_DECAY,
     PLAIN_STEP_LIMIT,
     STEP_TOLERANCE,
@@ -42,11 +43,6 @@ from estimator.geometry.quaternion import (
 from estimator.types import ZERO_VEC3, Quaternion, Sample, Vec3
 
 with_motion = replacer(FilterState, "q_ned_frd", "gyr_bias_rad_s", "rate_rad_s")
-with_correction = replacer(FilterState, "q_ned_frd", "gyr_bias_rad_s", "decay")
-with_gain = replacer(FilterState, "error", "error_rate_1_s", "gain", "has_error", "noise")
-
-# Sine of the angle between v1 and v2 below which they fix no attitude.
-COLLINEAR_SINE = 1e-6
 
 
 @inlined
@@ -163,14 +159,6 @@ def bound_each(v: Vec3, bound: float) -> Vec3:
 
 
 @inlined
-def integrate_rate(
-    state: FilterState, rate_rad_s: Vec3, dt: float, gyr_bias_rad_s: Vec3
-) -> FilterState:
-    """The attitude turned on by a rate that is free of bias; the bias only recorded."""
-    return turn_on(state, exp(scale(dt, rate_rad_s)), rate_rad_s, gyr_bias_rad_s)
-
-
-@inlined
 def turn_on(
     state: FilterState, turn: Quaternion, rate_rad_s: Vec3, gyr_bias_rad_s: Vec3
 ) -> FilterState:
@@ -182,8 +170,8 @@ def turn_on(
 @compiled()
 def propagate(state: FilterState, gyr_rad_s: Vec3, dt: float) -> FilterState:
     """R_hat <- R_hat exp([Omega_m - b_hat]x dt): Eq. (12), "Attit_Filter", without W."""
-    b = state.gyr_bias_rad_s
-    return integrate_rate(state, subtract(gyr_rad_s, b), dt, b)
+    rate = subtract(gyr_rad_s, state.gyr_bias_rad_s)
+    return turn_on(state, exp(scale(dt, rate)), rate, state.gyr_bias_rad_s)
 
 
 @compiled()
@@ -227,8 +215,8 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     g, decay = decaying_gain(params, K, fastest, dt, state.decay)
     q = normalize(multiply(state.q_ned_frd, exp(scale(-g, w))))
     b = add(state.gyr_bias_rad_s, scale(bias_gain(params, K, g, fastest, dt), w))
-    state = with_correction(state, q, bound_each(b, params.bias_bound_rad_s), decay)
-    return with_gain(state, e, d, K, True, noise)
+    b = bound_each(b, params.bias_bound_rad_s)
+    return FilterState(q, b, e, d, K, True, state.rate_rad_s, noise, decay)
 
 
 @compiled()

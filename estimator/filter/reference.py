@@ -23,6 +23,7 @@ from estimator.arrays import Floats
 from estimator.filter.fuzzy import fuzzy_gain
 from estimator.filter.noise_gain import NoiseState, noise_gain, observe_floor, observe_noise
 from estimator.filter.types import (
+    COLLINEAR_SINE,
     PLAIN_STEP_LIMIT,
     STEP_TOLERANCE,
     FilterParams,
@@ -31,9 +32,6 @@ from estimator.filter.types import (
 )
 from estimator.geometry import quaternion
 from estimator.types import Quaternion, Vec3
-
-# Sine of the angle between v1 and v2 below which they fix no attitude.
-COLLINEAR_SINE = 1e-6
 
 
 def rotation_matrix(q: Quaternion) -> Floats:

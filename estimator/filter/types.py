@@ -12,6 +12,8 @@ PLAIN_STEP_LIMIT = 1.6
 # Steps this much longer than the longest plain one are plain, too: clocks jitter, and stamps in
 # whole milliseconds make 11 ms of a period of 10.
 STEP_TOLERANCE = 1.1
+# Sine of the angle between v1 and v2 below which they fix no attitude.
+COLLINEAR_SINE = 1e-6
 
 
 class FilterParams(NamedTuple):

@@ -8,7 +8,7 @@ from estimator.conditioning.condition import Conditioned
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.rate import corrected_rate, slow_share
 from estimator.conditioning.robust import REACH
-from estimator.filter.kernel import correct, integrate_rate
+from estimator.filter.kernel import correct, turn_on
 from estimator.filter.observation import ReferenceParams, weighted_vectors
 from estimator.filter.types import FilterParams, FilterState, Vectors
 from estimator.geometry.quaternion import conjugate, exp, log, multiply, rotate_inverse, scale
@@ -104,7 +104,7 @@ def follow_aided(
         expected = multiply(before, exp(scale(dt, rate)))
         correction = log(multiply(conjugate(expected), aided.estimate.q_ned_frd))
         rate = corrected_rate(rate, correction, slow, dt)
-    state = integrate_rate(state, rate, dt, bias)
+    state = turn_on(state, exp(scale(dt, rate)), rate, bias)
     # A slow stream's vectors are weighed already, and the filter must not keep what a step has
     # missed of a turn: with the least gain, 1/s, such a step is REACH time constants.
     weight = 1.0 + slow * REACH / dt if slow > 0.0 else 1.0

@@ -172,9 +172,8 @@ def field_is_usable(state: State, now: Core) -> bool:
 def iron_sigma_gauss(state: State, now: Core) -> float:
     """How large the vehicle's own field may be, on each axis.
 
-    What calibration has left over is not known better than the field's strength and dip, two of
-    its three components, lie off the place's. Without a calibration it may be all that is
-    seen.
+    What calibration has left over is not known better than the field's strength and dip, two of its
+    three components, lie off the place's. Without a calibration it may be all that is seen.
     """
     aiding, place = state.settings.aiding, state.place_field
     seen, known = now.conditioning.field.magnetic.reference, state.context.compass
@@ -221,8 +220,7 @@ def give_up(state: State) -> None:
             set_out(state, start, report, has_heading=core.seen.has_heading)
             return
     if core.consistency.report_wait_s <= LONG_S and is_better(core.aided.sigma, other):
-        known = compass.record_giving_up(state.context.compass, core.time_us)
-        state.change_context(compass=known)
+        state.change_context(compass=compass.record_giving_up(state.context.compass, core.time_us))
     state.enter(Cause.GIVE_UP)
     is_lost = not isfinite(sum(core.filter.q_ned_frd))
     if is_lost or (core.seen.has_heading and slow_share(core.sample.dt_s) > 0.0):
@@ -329,10 +327,7 @@ def begin_aiding(
     )
     aided = aided._replace(wheels=core.aided.wheels)
     return core._replace(
-        aided=aided,
-        covariance=flat(covariance),
-        velocity_history=flat(velocity_history),
-        search=core.search,
+        aided=aided, covariance=flat(covariance), velocity_history=flat(velocity_history)
     )
 
 

@@ -156,8 +156,7 @@ def change_imu(settings: Settings, now: Core, *, is_aided: bool) -> Core:
     """The core with its attitude and velocity; the new sensors' biases are not known yet."""
     memory = forget_bias(settings.conditioning, now.conditioning)
     # what differs from others' rates is its own, too
-    turning = STILL._replace(used=now.turning.used)
-    now = now._replace(conditioning=memory, turning=turning, rates=())
+    now = now._replace(conditioning=memory, turning=STILL._replace(used=now.turning.used), rates=())
     if not is_aided:
         return now
     aided, P = forget_biases(settings.aiding, now.aided, in_rows(now.covariance))

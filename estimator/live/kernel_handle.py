@@ -14,7 +14,7 @@ import numpy as np
 from numba.core import types
 from numba.experimental import structref
 
-from estimator.aiding.correction import correct_last, prediction_at
+from estimator.aiding.inertial import correct_last, prediction_at
 from estimator.aiding.sources.source import Source
 from estimator.aiding.types import NO_REPORT, SIZE, Report
 from estimator.arrays import Floats

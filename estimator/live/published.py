@@ -19,10 +19,10 @@ from estimator.compilation.compiled import inlined
 from estimator.conditioning.condition import Conditioned
 from estimator.conditioning.field.step import wrap_angle
 from estimator.conditioning.params import USUAL_S
+from estimator.conditioning.vertical.lowpass import approach
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import (
-    add,
     conjugate,
     exp,
     multiply,
@@ -56,8 +56,7 @@ def pulled(
     after a wrong start, does not point to a magnet: it counts by its cosine, 1 - 2 e.
     """
     seen_s = min(pull.seen_s + dt_s, USUAL_S)
-    new = subtract(state.gyr_bias_rad_s, pull.bias_rad_s)
-    bias = add(pull.bias_rad_s, scale(dt_s / seen_s, new))
+    bias = approach(pull.bias_rad_s, state.gyr_bias_rad_s, dt_s / seen_s)
     alone = multiply(before, exp(scale(dt_s, subtract(gyr_rad_s, bias))))
     turn_ned = multiply(state.q_ned_frd, conjugate(alone))
     turned = wrap_angle(2.0 * atan2(turn_ned[3], turn_ned[0]))

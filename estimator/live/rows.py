@@ -69,8 +69,7 @@ def _plain(values: Any, kind: type, shape: tuple[int, ...]) -> Any:
     except (TypeError, ValueError):
         plain = None
     if plain is None or plain.shape != shape:
-        msg = f"rows of samples take numbers of shape {shape}, not {np.shape(values)}"
-        raise InputError(msg)
+        raise InputError(f"rows of samples take numbers of shape {shape}, not {np.shape(values)}")
     return plain
 
 

@@ -51,8 +51,7 @@ def settings_of(
         InputError: the fixed gain is none that a profile may have.
     """
     if fixed_gain is not None and not LEAST_GAIN <= fixed_gain <= MOST_GAIN:
-        msg = f"gain {fixed_gain:g}: must be a number, {LEAST_GAIN:g} to {MOST_GAIN:g}"
-        raise InputError(msg)
+        raise InputError(f"gain {fixed_gain:g}: must be a number, {LEAST_GAIN:g} to {MOST_GAIN:g}")
     section = profile.filter
     return Settings(
         filter=FilterParams(

@@ -16,6 +16,7 @@ import numpy as np
 
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.rate import integration_rate
+from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.quaternion import add, exp, log, multiply, norm, scale, subtract
 from estimator.live.reports import enqueue
 from estimator.types import (
@@ -187,26 +188,19 @@ def compared(
             return state
         share = (time_us - near_us) / (ahead_us - near_us)
         there = add(scale(1.0 - share, there), scale(share, ahead))
-    left = subtract(subtract(gyr_rad_s, there), state.offset_rad_s)
+    x, y, z = subtract(subtract(gyr_rad_s, there), state.offset_rad_s)
     step_s = max(1e-3, apart_s + 0.25)
     a = step_s / (AGREEMENT_TAU_S + step_s)
     b = step_s / (min(OFFSET_TAU_S, state.compared_s) + step_s)
     no_x, no_y, no_z = state.stands_in
-    x, y, z = left
     known = (0.0 if no_x else b * x, 0.0 if no_y else b * y, 0.0 if no_z else b * z)
     offset = add(state.offset_rad_s, known)
     if norm(offset) > MOST_OFFSET_RAD_S:
         offset = scale(MOST_OFFSET_RAD_S / norm(offset), offset)
-    misfit, turning = averaged(state.misfit, left, a), averaged(state.turning, gyr_rad_s, a)
+    misfit = approach(state.misfit, (x * x, y * y, z * z), a)
+    x, y, z = gyr_rad_s
+    turning = approach(state.turning, (x * x, y * y, z * z), a)
     return with_compared(state, offset, misfit, turning, state.compared_s + step_s)
-
-
-@inlined
-def averaged(mean: Vec3, v: Vec3, share: float) -> Vec3:
-    """Mean squares of a vector's parts, with one more."""
-    x, y, z = mean
-    a, b, c = v
-    return (x + share * (a * a - x), y + share * (b * b - y), z + share * (c * c - z))
 
 
 @inlined

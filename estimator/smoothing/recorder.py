@@ -127,8 +127,7 @@ class Recorder(Estimator):
             reports = np.frombuffer(self._reports).reshape(-1, REPORT_SIZE)
             last = Estimator(self.profile, self.fixed_gain)
             last.snapshot = self.snapshot
-            recording = Recording(rows, self._changes, reports, forward, bias, last, places)
-            self._ended.append(recording)
+            self._ended.append(Recording(rows, self._changes, reports, forward, bias, last, places))
         self._before += len(self._is_taken)
         self._begin()
 

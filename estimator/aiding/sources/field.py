@@ -110,19 +110,12 @@ def begin_field(
     x[EARTH] = h * c - before[0]
     x[EARTH + 1] = h * s - before[1]
     x[EARTH + 2] = F[2] - before[2]
-    state = with_evidence(with_look(state, FieldLook(h, F[2], confidence=1.0), 1.0, 0.0), 0.0)
-    return with_off(state, 0.0, state.far_off_s)
+    return FieldState(FieldLook(h, F[2], confidence=1.0), 0.0, 1.0, 0.0, state.far_off_s, 0.0)
 
 
 @inlined
 def compare_with_place(
-    params: AidingParams,
-    state: FieldState,
-    seen: Vec3,
-    learnt: Vec3,
-    as_read: Vec3,
-    place: Vec3,
-    wait: float,
+    params: AidingParams, state: FieldState, seen: Vec3, learnt: Vec3, as_read: Vec3, place: Vec3
 ) -> FieldState:
     """Whether the place's field explains the readings better than what was learnt of it.
 
@@ -133,7 +126,7 @@ def compare_with_place(
     n = norm(place)
     if n == 0.0:
         return state
-    most = REACH**2 * (NORM_SCALE * n) ** 2
+    wait, most = min(state.wait_s, 1.0), REACH**2 * (NORM_SCALE * n) ** 2
     better = min(most, off_square(seen, learnt)) - min(most, off_square(as_read, place))
     keep = CONFIRM_S / (CONFIRM_S + wait)
     return with_evidence(
@@ -198,10 +191,10 @@ def observe_heading(
     if field.samples == 0.0:
         return begin_field(field, R, F, ZERO_VEC3, north, P, x)
     wait = min(field.wait_s, 1.0)
+    as_read = rotate(q_compass, sample.mag)
+    field = compare_with_place(params, field, F, E, as_read, others.place_gauss)
     learnt = P[EARTH + 2, EARTH + 2] + P[HARD_IRON, HARD_IRON]
     field = judge_field(params, field, F, E, learnt)
-    as_read = rotate(q_compass, sample.mag)
-    field = compare_with_place(params, field, F, E, as_read, others.place_gauss, wait)
     if field.evidence > REACH**2:
         forget_iron(params, P, x, estimate.hard_iron_gauss)
         return begin_field(field, R, as_read, E, north, P, x)
@@ -290,14 +283,11 @@ def learn_place(
     down = (0.0, 0.0, 1.0 / n)
     difference = subtract(E, F)
     tilt = 0.0 if is_near else 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
-    h = field_row(R, dF, along)
-    if is_near:
-        add_turn(h, R, F, along)
-    learn(P, x, h, dot(along, difference), noise + tilt * E[2] * E[2] / square)
-    h = field_row(R, dF, down)
-    if is_near:
-        add_turn(h, R, F, down)
-    learn(P, x, h, dot(down, difference), noise + tilt * H * H / square)
+    for axis, across in ((along, E[2]), (down, H)):
+        h = field_row(R, dF, axis)
+        if is_near:
+            add_turn(h, R, F, axis)
+        learn(P, x, h, dot(axis, difference), noise + tilt * across * across / square)
 
 
 @inlined
@@ -335,8 +325,7 @@ def unexplained(params: AidingParams, off_rad: float, expected: float) -> float:
 
     The low-pass of ``off_rad``, with T, leaves n / (2 T) of white noise of the density n.
     """
-    left = off_rad * off_rad - expected - params.heading_noise**2 / (2.0 * CONFIRM_S)
-    return max(0.0, left)
+    return max(0.0, off_rad * off_rad - expected - params.heading_noise**2 / (2.0 * CONFIRM_S))
 
 
 @inlined

@@ -1,7 +1,6 @@
 """What a velocity report shows about attitude, biases and the IMU's lag."""
 
 from math import cos, isfinite, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
@@ -43,17 +42,6 @@ SCALE_REPORTS = 100.0
 LEAST_RECEIVER_SCALE = 0.1
 
 
-class Reporter(NamedTuple):
-    """The source of a report: what is known about its errors, and their places among all."""
-
-    is_receiver: bool  # otherwise an autopilot's filter
-    error_m_s: Vec3  # slow, NED
-    age_s: float  # how far its velocity lies behind the IMU's samples
-    error_at: int  # where its slow error begins among the errors
-    lag_at: int  # where its lag stands among them
-    is_alone: bool  # no report of the other source has come lately
-
-
 with_inflation = replacer(Scatter, "innovation", "reports")
 with_latest = replacer(Scatter, "latest")
 
@@ -86,39 +74,6 @@ def take_report(
     gravity_b: Vec3,
     x: Array,
 ) -> Agreements:
-    """Learn from a report as of the source that it comes from."""
-    by_filter, by_receiver = agreement
-    estimate = now.estimate
-    is_receiver = report.late_sigma_s > 0.0
-    if is_receiver:
-        own, other, error_m_s = by_receiver, by_filter, estimate.receiver_error_m_s
-        lag_s, error_at, lag_at = estimate.receiver_lag_s, RECEIVER_ERROR, RECEIVER_LAG
-    else:
-        own, other, error_m_s = by_filter, by_receiver, estimate.filter_error_m_s
-        lag_s, error_at, lag_at = estimate.filter_lag_s, FILTER_ERROR, FILTER_LAG
-    reporter = Reporter(
-        is_receiver=is_receiver,
-        error_m_s=error_m_s,
-        age_s=report.ago_s + lag_s - estimate.imu_lag_s + estimate.acc_lead_s,
-        error_at=error_at,
-        lag_at=lag_at,
-        is_alone=other.wait_s >= SPAN_S,
-    )
-    own = observe_velocity(params, own, now, reporter, dt, report, gravity_b, x)
-    return Agreements(by_filter, own) if is_receiver else Agreements(own, by_receiver)
-
-
-@inlined
-def observe_velocity(
-    params: AidingParams,
-    agreement: Agreement,
-    now: Prediction,
-    reporter: Reporter,
-    dt: float,
-    report: Report,
-    gravity_b: Vec3,
-    x: Array,
-) -> Agreement:
     """Three scalar updates (two without the vertical): report = v(then) + slow error + noise.
 
     v(then) is the velocity now less what the velocity history has gained since. A turn t of the
@@ -127,27 +82,36 @@ def observe_velocity(
     source, but not of the attitude: its origin has jumped. The noise scale follows the innovations.
     """
     P, estimate = now.covariance, now.estimate
-    scatter, units = agreement.scatter, np.zeros(3)
-    wait = min(agreement.wait_s, 1.0)
+    by_filter, by_receiver = agreement
+    is_receiver = report.late_sigma_s > 0.0
+    if is_receiver:
+        own, other, error_m_s = by_receiver, by_filter, estimate.receiver_error_m_s
+        lag_s, error_at, lag_at = estimate.receiver_lag_s, RECEIVER_ERROR, RECEIVER_LAG
+        sigma, least = params.receiver_noise_m_s, LEAST_RECEIVER_SCALE
+    else:
+        own, other, error_m_s = by_filter, by_receiver, estimate.filter_error_m_s
+        lag_s, error_at, lag_at = estimate.filter_lag_s, FILTER_ERROR, FILTER_LAG
+        sigma, least = params.filter_noise_m_s, 1.0
+    scatter, units = own.scatter, np.zeros(3)
+    wait = min(own.wait_s, 1.0)
     share = wait / (wait + USUAL_S) / 3.0
-    if reporter.is_receiver and scatter.reports == 0.0:  # the first one gives how late it may be
-        P[reporter.lag_at, reporter.lag_at] = report.late_sigma_s**2
-        x[reporter.lag_at] = report.late_sigma_s
-    past = look_back(now.velocity_history, reporter.age_s)
-    pushed = subtract(past.gained_m_s, scale(reporter.age_s, GRAVITY_NED))
+    if is_receiver and scatter.reports == 0.0:  # the first one gives how late it may be
+        P[lag_at, lag_at] = report.late_sigma_s**2
+        x[lag_at] = report.late_sigma_s
+    age_s = report.ago_s + lag_s - estimate.imu_lag_s + estimate.acc_lead_s
+    past = look_back(now.velocity_history, age_s)
+    pushed = subtract(past.gained_m_s, scale(age_s, GRAVITY_NED))
     behind = min(1.0, report.ago_s / dt)
     aliasing = scale(params.integration_noise * dt * behind, newest_deviation(now.velocity_history))
-    sigma = params.receiver_noise_m_s if reporter.is_receiver else params.filter_noise_m_s
     sigma *= max(1.0, report.sigma_m_s / params.report_sigma_m_s)
-    least = LEAST_RECEIVER_SCALE if reporter.is_receiver else 1.0
-    loose_at = VELOCITY if reporter.is_alone else reporter.error_at
+    loose_at = VELOCITY if other.wait_s >= SPAN_S else error_at
     elsewhere = rotate(estimate.q_ned_frd, gravity_b)[2] < cos(UNKNOWN_RAD)
     # very noisy reports, or an attitude that makes them look so: then the unaided one disagrees
     far = scatter.noise_scale > FAR and elsewhere
     for i in range(3 if report.has_vertical else 2):
-        h = velocity_row(reporter, i, pushed, past.acceleration_m_s2, dt)
+        h = velocity_row(error_at, lag_at, i, pushed, past.acceleration_m_s2, dt)
         then = estimate.velocity_ned_m_s[i] - past.gained_m_s[i]
-        off = report.velocity_ned_m_s[i] - reporter.error_m_s[i] - then
+        off = report.velocity_ned_m_s[i] - error_m_s[i] - then
         noise = scatter.noise_scale * sigma * sigma + aliasing[i] * aliasing[i]
         left = residual(x, h, off)
         # rounding may take an attitude as good as unknown below nothing
@@ -158,26 +122,30 @@ def observe_velocity(
             P[loose_at + i, loose_at + i] += left * left
             far = True
         learn(P, x, h, off, noise)
-    far_off_s = agreement.far_off_s + wait if far else max(0.0, agreement.far_off_s - wait)
-    return Agreement(with_latest(scatter, (units[0], units[1], units[2])), 0.0, far_off_s)
+    far_off_s = own.far_off_s + wait if far else max(0.0, own.far_off_s - wait)
+    own = Agreement(with_latest(scatter, (units[0], units[1], units[2])), 0.0, far_off_s)
+    return Agreements(by_filter, own) if is_receiver else Agreements(own, by_receiver)
 
 
 @inlined
-def velocity_row(reporter: Reporter, i: int, pushed: Vec3, acceleration: Vec3, dt: float) -> Array:
+def velocity_row(
+    error_at: int, lag_at: int, i: int, pushed: Vec3, acceleration: Vec3, dt: float
+) -> Array:
     """How the errors show in the axis ``i`` (NED) of a report.
 
+    Its source's slow error begins at ``error_at`` among them, and its lag stands at ``lag_at``.
     ``pushed`` (m/s) is what the force has added since the report's time, ``acceleration`` (m/s^2)
     the vehicle's at that time.
     """
     h = np.zeros(SIZE)
     h[VELOCITY + i] = 1.0
-    h[reporter.error_at + i] = 1.0
+    h[error_at + i] = 1.0
     j, k = (i + 1) % 3, (i + 2) % 3
     h[TURN + j] = -pushed[k]  # minus the component of turn x pushed
     h[TURN + k] = pushed[j]
     if dt < LONGEST_STEP_S:
         h[IMU_LAG] = acceleration[i]
-    h[reporter.lag_at] = -acceleration[i]
+    h[lag_at] = -acceleration[i]
     return h
 
 
@@ -213,12 +181,10 @@ def is_credible(state: AidingState) -> bool:
     if not isfinite(state.sigma.inclination_rad + state.sigma.heading_rad):
         return False
     wait_s = min(by_filter.wait_s, by_receiver.wait_s)
+    latest = by_filter if by_filter.wait_s < by_receiver.wait_s else by_receiver
+    far_off_s = latest.far_off_s
     if max(by_filter.wait_s, by_receiver.wait_s) < SPAN_S:
         far_off_s = min(by_filter.far_off_s, by_receiver.far_off_s)  # one is enough
-    elif by_filter.wait_s < by_receiver.wait_s:
-        far_off_s = by_filter.far_off_s
-    else:
-        far_off_s = by_receiver.far_off_s
     if state.field.far_off_s > CONFIRM_S or state.wheels.contradict:
         return False
     return wait_s <= LONG_S and far_off_s <= DISAGREEMENT_S

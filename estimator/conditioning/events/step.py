@@ -43,7 +43,7 @@ from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import LONGEST_STEP_S, SPAN_S, ConditioningParams
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.vertical.bias import Estimate, clip, inflate_heading
-from estimator.conditioning.vertical.gravity import with_down, with_force
+from estimator.conditioning.vertical.gravity import GravityState, with_down
 from estimator.conditioning.vertical.lowpass import Smooth
 from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
@@ -222,7 +222,6 @@ class EventsStep(NamedTuple):
 with_turn = replacer(VerticalState, "estimate", "gravity", "tilt", "inflation")
 with_estimate = replacer(VerticalState, "estimate")
 with_inflation = replacer(VerticalState, "estimate", "inflation")
-with_calibration = replacer(MagnetometerState, "calibration")
 
 
 @inlined
@@ -247,7 +246,8 @@ def follow_signs(
     dt = mean.time_s
     weighed = weighing(params, dt)
     # a jump that is a magnet's shows no turn, so that the force has to
-    has_field = magnetic.known and magnetic.wait_s < SPAN_S and jump.seen_rad < pi
+    is_known = magnetic.reference.samples > 0.0
+    has_field = is_known and magnetic.wait_s < SPAN_S and jump.seen_rad < pi
     gravity = watch_gravity(
         params, before.gravity, now.gravity, dt, now.inflation, weighed, has_field
     )
@@ -270,7 +270,7 @@ def react(
     elif proof.gravity:
         anew = Smooth(ZERO_VEC3, ZERO_VEC3)  # the low-pass of the force
         force = with_down(gravity.force, anew, anew, ZERO_VEC3, 0.0)
-        gravity = with_force(gravity, force)
+        gravity = GravityState(gravity.q_6d_g, force)
     elif proof.force > 0.0:
         inflation = min(inflation + proof.force, HALF_TURN_VARIANCE)
     if proof.gravity:
@@ -319,7 +319,7 @@ def learn_events(
     turned = proof.heading or proof.gravity or proof.jump > 0.0
     turned = turned or (field.seen and looks_turned(params, jump))
     if turned or vertical.clipped > LEAST_OFF_RAD**2:
-        calibration = with_age(calibration, 0.0, False)  # its means are of the old attitude
+        calibration = with_age(calibration, 0.0)  # its means are of the old attitude
     # the signs that were proof enough start anew
     if proof.heading or released:
         heading = give_up(heading, heading_rad)
@@ -331,6 +331,6 @@ def learn_events(
     jump = with_seen(jump, pi if is_magnets else proof.seen_rad)
     return EventsStep(
         vertical=with_inflation(now, estimate, tilt),
-        field=with_calibration(field.state, calibration),
+        field=MagnetometerState(calibration, magnetic),
         events=EventsState(heading, gravity, jump, axes, inflation, unsensed_turn),
     )

@@ -57,9 +57,7 @@ class HeadingSigns(NamedTuple):
     mean_north: float = 0.0  # of the field weighted by its confidence, in the field's own unit
     mean_east: float = 0.0  # of that field, too
     mean_confidence: float = 0.0  # of the field, averaged over the same time
-    scatter: float = (
-        LEAST_OFF_RAD**2
-    )  # mean square of how far the mean field points elsewhere, rad^2
+    scatter: float = LEAST_OFF_RAD**2  # mean square angle that the mean field is off, rad^2
     confirmed_s: float = SPAN_S  # for how long, less the time against it, the field has agreed
     other_rad: float = 0.0  # the heading that was given up last
     other_s: float = 0.0  # for how much longer that is remembered

@@ -39,12 +39,11 @@ class CalibrationState(NamedTuple):
 
     learnt: Calibration  # the unknowns
     means: CalibrationMeans = CalibrationMeans()  # high-passing takes them off
-    age_s: float = 0.0  # of the means, up to ``ACCELERATION_LASTS_S``
-    started: bool = False  # whether the means are of this attitude
+    age_s: float = 0.0  # of the means, up to ``ACCELERATION_LASTS_S``; 0: of another attitude
     scatter: float = 0.0  # mean square of what of the field's change no unknown explains
 
 
-with_age = replacer(CalibrationState, "age_s", "started")
+with_age = replacer(CalibrationState, "age_s")
 
 
 def first_calibration(params: ConditioningParams) -> CalibrationState:
@@ -97,26 +96,10 @@ def walk(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance:
     """The covariance after a step, as the own field may change: up to its first variances."""
     most, most_lag = most_variances(params)
     share = dt_s / FORGET_S
-    return (
-        min(p[0] + share * most, most),
-        p[1],
-        p[2],
-        p[3],
-        min(p[4] + share * most, most),
-        p[5],
-        p[6],
-        min(p[7] + share * most, most),
-        p[8],
-        min(p[9] + share * most_lag, most_lag),
-    )
-
-
-@inlined
-def turned_since(axes: FrameAxes, mean: FrameAxes) -> tuple[tuple[Vec3, Vec3, Vec3], float]:
-    """By what the axes lie off their mean, and the squares of that together."""
-    north = subtract(axes.north, mean.north)
-    east, down = subtract(axes.east, mean.east), subtract(axes.down, mean.down)
-    return (north, east, down), dot(north, north) + dot(east, east) + dot(down, down)
+    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = p
+    p00, p11 = min(p00 + share * most, most), min(p11 + share * most, most)
+    p22, p33 = min(p22 + share * most, most), min(p33 + share * most_lag, most_lag)
+    return (p00, p01, p02, p03, p11, p12, p13, p22, p23, p33)
 
 
 @inlined
@@ -164,8 +147,8 @@ def learn_calibration(
     # of another norm all is another share
     ratio = before.scale / norm if before.scale > 0.0 else 1.0
     before = Calibration(before.lag_s, scale(ratio, before.offset), before.covariance, norm)
-    if not state.started:
-        return CalibrationState(before, CalibrationMeans(y, x, axes), dt_s, True, state.scatter)
+    if state.age_s <= 0.0:
+        return CalibrationState(before, CalibrationMeans(y, x, axes), dt_s, state.scatter)
     age_s = min(state.age_s + dt_s, ACCELERATION_LASTS_S)
     means = means_after(state.means, ratio, y, x, axes, min(1.0, dt_s / age_s))
     taken_off, _ = own_field(before)
@@ -174,7 +157,10 @@ def learn_calibration(
     scatter = state.scatter
     if dot(dy, dy) < MOST_DEVIATION**2:
         dx = subtract(x, means.turning)
-        r, turned = turned_since(axes, means.axes)
+        mean = means.axes
+        north, east = subtract(axes.north, mean.north), subtract(axes.east, mean.east)
+        down = subtract(axes.down, mean.down)
+        r, turned = (north, east, down), dot(north, north) + dot(east, east) + dot(down, down)
         is_slow = dt_s > LONGEST_STEP_S
         shows_offset = turned >= params.calibration_turn and not is_slow
         own = params.calibration_reach**2 * turned + p[9] * dot(dx, dx)
@@ -190,5 +176,4 @@ def learn_calibration(
             offset, lag_s, p = update(offset, lag_s, p, row, dx[i], e, noise)
         if is_slow:  # beside such steps no gyroscope is later than the magnetometer
             lag_s = max(lag_s, 0.0)
-    learnt = Calibration(lag_s, offset, p, norm)
-    return CalibrationState(learnt, means, age_s, True, scatter)
+    return CalibrationState(Calibration(lag_s, offset, p, norm), means, age_s, scatter)

@@ -58,11 +58,8 @@ class MagneticState(NamedTuple):
     look: FieldLook = FieldLook()  # lately
     reference: FieldReference = FieldReference()  # usually
     wait_s: float = 0.0  # since the last sample of the field
-    known: bool = False  # whether there has been one
 
 
-with_confidence = replacer(FieldLook, "confidence")
-with_seen = replacer(AlternativeField, "seen_s")
 with_alternative = replacer(FieldReference, "horizontal", "down", "confirmed_s", "other", "is_new")
 with_wait = replacer(MagneticState, "wait_s")
 
@@ -127,10 +124,10 @@ def observe_field(
     catches_up = age > 2.0 * params.gravity_tau_s and before.samples * dt_s < age
     samples = before.samples + (2.0 * weight if catches_up else weight)
     h, v = horizontal_down(field_6d)
-    if not state.known:
+    if before.samples <= 0.0:
         alternative = AlternativeField(h, v, 0.0)
         reference = FieldReference(h, v, samples, age, dt_s, alternative, is_new=False, uneven=0.0)
-        return MagneticState(FieldLook(h, v, 1.0), reference, 0.0, True)
+        return MagneticState(FieldLook(h, v, 1.0), reference, 0.0)
     a = dt_s / (FIELD_S + dt_s)
     expected = (before.horizontal, before.down)
     look = look_at_field(state.look, (h, v), a, expected, NORM_SCALE, DIP_SCALE_RAD)
@@ -151,8 +148,8 @@ def observe_field(
     if other.seen_s > confirmed_s:
         reference = accept_alternative(reference)
     if not params.use_confidence:
-        look = with_confidence(look, 1.0)
-    return MagneticState(look, reference, 0.0, True)
+        look = FieldLook(look.horizontal, look.down, 1.0)
+    return MagneticState(look, reference, 0.0)
 
 
 @inlined
@@ -187,7 +184,7 @@ def watch_alternative(
     seen_s = min(other.seen_s + gain, most)
     is_third = alike + look.confidence < LEAST_ALIKE
     if is_third and seen_s > dt_s:
-        return with_seen(other, seen_s - dt_s), confirmed_s
+        return AlternativeField(other.horizontal, other.down, seen_s - dt_s), confirmed_s
     if is_third or seen_s <= 0.0:
         return AlternativeField(look.horizontal, look.down, 0.0), confirmed_s
     share = alike * min(1.0, dt_s / (seen_s + dt_s))
@@ -215,8 +212,7 @@ def reference_norm(state: MagneticState) -> float:
 @inlined
 def has_heading(state: MagneticState) -> bool:
     """Whether the learnt field has a horizontal part that shows a heading."""
-    reference = state.reference
-    return state.known and reference.horizontal > NORM_SCALE * abs(reference.down)
+    return state.reference.horizontal > NORM_SCALE * abs(state.reference.down)
 
 
 @inlined

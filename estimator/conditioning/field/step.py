@@ -4,7 +4,7 @@ from math import atan2, cos, pi, sin
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.calibration import CalibrationState, learn_calibration
 from estimator.conditioning.field.magnetic import (
     MagneticState,
@@ -117,9 +117,6 @@ class FieldStep(NamedTuple):
     since_s: float  # since the field before
 
 
-with_magnetic = replacer(MagnetometerState, "magnetic")
-
-
 @inlined
 def learn_field(
     params: ConditioningParams, before: MagnetometerState, mean: Gathered, vertical: VerticalStep
@@ -129,7 +126,7 @@ def learn_field(
     now, estimate = vertical.state, vertical.state.estimate
     since_s = before.magnetic.wait_s + mean.time_s
     if mean.field_s <= 0.0:
-        waiting = with_magnetic(before, with_wait(before.magnetic, since_s))
+        waiting = MagnetometerState(before.calibration, with_wait(before.magnetic, since_s))
         return FieldStep(waiting, estimate, False, horizontal, since_s)
     gravity, calibration = now.gravity, before.calibration
     field_6d = rotate(heading_frame(gravity, now.averaging.share), mean.field_g)

@@ -31,26 +31,12 @@ def update(
     m3 = p03 * h[0] + p13 * h[1] + p23 * h[2] + p33 * h3
     w = 1.0 / (h[0] * m0 + h[1] * m1 + h[2] * m2 + h3 * m3 + noise)
     s = w * innovation
-    k0 = w * m0
-    k1 = w * m1
-    k2 = w * m2
-    k3 = w * m3
-    return (
-        (x[0] + s * m0, x[1] + s * m1, x[2] + s * m2),
-        x3 + s * m3,
-        (
-            p00 - k0 * m0,
-            p01 - k0 * m1,
-            p02 - k0 * m2,
-            p03 - k0 * m3,
-            p11 - k1 * m1,
-            p12 - k1 * m2,
-            p13 - k1 * m3,
-            p22 - k2 * m2,
-            p23 - k2 * m3,
-            p33 - k3 * m3,
-        ),
-    )
+    k0, k1, k2, k3 = w * m0, w * m1, w * m2, w * m3
+    p00, p01, p02, p03 = p00 - k0 * m0, p01 - k0 * m1, p02 - k0 * m2, p03 - k0 * m3
+    p11, p12, p13 = p11 - k1 * m1, p12 - k1 * m2, p13 - k1 * m3
+    p22, p23, p33 = p22 - k2 * m2, p23 - k2 * m3, p33 - k3 * m3
+    x = (x[0] + s * m0, x[1] + s * m1, x[2] + s * m2)
+    return x, x3 + s * m3, (p00, p01, p02, p03, p11, p12, p13, p22, p23, p33)
 
 
 # No gyroscope of any use is biased by more; those of real quadrotors are by 4 deg/s.

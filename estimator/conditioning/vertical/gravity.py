@@ -20,15 +20,7 @@ from estimator.geometry.quaternion import (
     subtract,
     unit,
 )
-from estimator.types import (
-    DOWN,
-    IDENTITY,
-    STANDARD_GRAVITY_M_S2,
-    ZERO_VEC3,
-    Quaternion,
-    Vec2,
-    Vec3,
-)
+from estimator.types import DOWN, IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec2, Vec3
 
 # Less smoothed force than this (m/s^2) has no direction: free fall.
 LEAST_FORCE_M_S2 = 0.5
@@ -54,8 +46,6 @@ class GravityState(NamedTuple):
     force: Force = Force()  # in G
 
 
-with_level = replacer(GravityState, "q_6d_g")
-with_force = replacer(GravityState, "force")
 with_age = replacer(Force, "age_s")
 with_down = replacer(Force, "down", "best", "quick", "age_s")
 with_held = replacer(Force, "down", "best")
@@ -95,14 +85,13 @@ def observe_gravity(
     quick = approach(before.quick, u, max(k.quick_share, dt / age))
     long = approach(before.long, best.value, long_share(k, age))
     off = approach(before.off, subtract(u, before.best.value), max(dt / age, dt / (USUAL_S + dt)))
-    return with_force(state, Force(down, best, quick, long, age, off))
+    return GravityState(state.q_6d_g, Force(down, best, quick, long, age, off))
 
 
 @inlined
 def lag_square(force: Force) -> float:
     """Squared angle (rad^2) by which the mean force of ``USUAL_S`` is off the vertical."""
-    across = square(cross(force.off, unit(force.best.value)))
-    return across / STANDARD_GRAVITY_M_S2**2
+    return square(cross(force.off, unit(force.best.value))) / STANDARD_GRAVITY_M_S2**2
 
 
 @inlined
@@ -125,7 +114,7 @@ def age_after_hole(
         return state
     before_s = state.force.age_s
     age_s = min(before_s, interval_s / max(share, interval_s / before_s))
-    return with_force(state, with_age(state.force, age_s))
+    return GravityState(state.q_6d_g, with_age(state.force, age_s))
 
 
 @inlined
@@ -143,7 +132,7 @@ def level_to(q_6d_g: Quaternion, down_g: Vec3) -> tuple[Quaternion, Vec2]:
 def level(state: GravityState) -> tuple[GravityState, Vec2]:
     """Frame 6D levelled by the low-passed force, and the step about north and east."""
     q, step = level_to(state.q_6d_g, state.force.down.value)
-    return with_level(state, q), step
+    return GravityState(q, state.force), step
 
 
 @inlined

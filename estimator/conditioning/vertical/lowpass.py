@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import LONG_S, QUICK_S, SPAN_S, USUAL_S, ConditioningParams
+from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import ZERO_VEC3, Vec3
 
 
@@ -47,19 +48,11 @@ def low_pass(tau_s: float, dt_s: float) -> LowPass:
 
 
 @inlined
-def smooth_scalar(k: LowPass, y: float, w: float, u: float) -> tuple[float, float]:
-    """One step for one channel: value and slope."""
-    x = y - u
-    return (u + k.own * x + k.cross * w, k.rate * w + k.pull * x)
-
-
-@inlined
 def smooth(k: LowPass, state: Smooth, u: Vec3) -> Smooth:
-    """One step for a vector."""
-    y0, w0 = smooth_scalar(k, state.value[0], state.slope[0], u[0])
-    y1, w1 = smooth_scalar(k, state.value[1], state.slope[1], u[1])
-    y2, w2 = smooth_scalar(k, state.value[2], state.slope[2], u[2])
-    return Smooth((y0, y1, y2), (w0, w1, w2))
+    """One step with the vector ``u``."""
+    x, w = subtract(state.value, u), state.slope
+    value = add(add(u, scale(k.own, x)), scale(k.cross, w))
+    return Smooth(value, add(scale(k.rate, w), scale(k.pull, x)))
 
 
 @inlined

@@ -21,7 +21,6 @@ from estimator.conditioning.vertical.gravity import (
     level,
     long_share,
     observe_gravity,
-    with_force,
     with_held,
 )
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, coefficients
@@ -106,6 +105,7 @@ class ForceWeight(NamedTuple):
 
 with_lost_steps = replacer(VerticalState, "gravity", "lost")
 with_first = replacer(VerticalState, "rest", "tilt")
+with_tilt = replacer(VerticalState, "tilt")
 with_seen = replacer(TiltState, "scatter", "gyr", "force")
 with_resting = replacer(RestState, "resting")
 
@@ -144,8 +144,8 @@ def learn_vertical(
     p = before.estimate.covariance
     # a slow stream's rates are of whole mrad/s, so rest shows no more than motion
     unknown = max((p[0] + p[4] + p[7]) / 3.0, params.bias_motion_sigma_rad_s**2)
-    drifted = with_drift(before.tilt, before.tilt.drift + unknown * dt)
-    noise = step_noise(params, drifted, mean.gyr, rate, down, dt, interval_s, between)
+    before = with_tilt(before, with_drift(before.tilt, before.tilt.drift + unknown * dt))
+    noise = step_noise(params, before.tilt, mean.gyr, rate, down, dt, interval_s, between)
     clipped = aliased_turn(mean.clipping, down)
     before, most = hold_by_mean_tilt(params, before, mean, noise.tilt)
     weight = weigh_force(params, k, before, mean, noise, clipped[0], force_scatter, most)
@@ -157,8 +157,7 @@ def learn_vertical(
     axes = axes_of(multiply(gravity.q_6d_g, mean.q_g_frd))
     yaw_noise = slow * noise.yaw_noise + clipped[1]
     estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), yaw_noise)
-    bias = estimate.bias_rad_s
-    lagged = lag(params, k, before.lagged, axes, bias, age_s, share, weight.weighed)
+    lagged = lag(params, k, before.lagged, axes, estimate.bias_rad_s, age_s, share, weight.weighed)
     was_known = before.gravity.force.age_s > params.gravity_tau_s
     if rest.resting and params.use_rest:
         estimate = learn_at_rest(params, k, estimate, axes, rest, still)
@@ -194,8 +193,7 @@ def look_for_rest(
     shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
     field = rotate_inverse(mean.q_g_frd, mean.field_g)
     still = watch_stillness(params, before.still, rest, shown, field, mean.field_s > 0.0, dt)
-    resting = (rest.resting and not still.contradicted) or still.proven
-    return with_resting(rest, resting), still
+    return with_resting(rest, (rest.resting and not still.contradicted) or still.proven), still
 
 
 @inlined
@@ -217,7 +215,7 @@ def hold_by_mean_tilt(
         g = rotate(mean.q_g_frd, steps.down)
         down = Smooth(approach(force.down.value, g, lost), ZERO_VEC3)
         best = Smooth(approach(force.best.value, g, lost), ZERO_VEC3)
-        gravity = with_force(gravity, with_held(force, down, best))
+        gravity = GravityState(gravity.q_6d_g, with_held(force, down, best))
     return with_lost_steps(before, gravity, add_lost_step(steps, mean.acc, lost, dt)), most
 
 

@@ -140,14 +140,13 @@ def watch_stillness(
             or is_poor(params, rest.acc.value, rate_down, subtract(rate_level, level))
         )
     )
-    turning = add(level, scale(turn, down))
     return Stillness(
         field=smooth,
         wait_s=wait_s,
         mean_field=mean_field,
         mean_down=mean_down,
         shown=shown,
-        turning=turning,
+        turning=add(level, scale(turn, down)),
         level_variance=level_variance,
         down_variance=down_variance,
         proven=proven and not contradicted,

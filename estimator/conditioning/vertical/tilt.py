@@ -40,8 +40,6 @@ class StepNoise(NamedTuple):
     tilting: float  # what the rate does off its line about horizontal axes, squared, (rad/s)^2
     yawing: float  # the same about down, (rad/s)^2
     change: Vec3  # of the rate since the step before, rad/s, FRD
-    changed: float  # its square
-    drift: float  # covariance of tilt and bias about an axis before the force is read, rad^2/s
     gyr: Vec3  # of the step, rad/s, FRD
 
 
@@ -146,8 +144,6 @@ def step_noise(
         tilting=tilting,
         yawing=yawing,
         change=change,
-        changed=changed,
-        drift=state.drift,
         gyr=gyr,
     )
 
@@ -207,9 +203,9 @@ def update_tilt(
             yawing=state.yawing + c * (noise.yawing - state.yawing),
             gyr=noise.gyr,
             change=noise.change,
-            changed=state.changed + c * (noise.changed - state.changed),
+            changed=state.changed + c * (dot(noise.change, noise.change) - state.changed),
             force=mean + b * (size - mean),
-            drift=(1.0 - share) * noise.drift,
+            drift=(1.0 - share) * state.drift,
             aliasing=noise.tilt,
         ),
         share,

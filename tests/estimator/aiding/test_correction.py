@@ -5,9 +5,8 @@ import pytest
 
 from estimator.aiding import types
 from estimator.aiding.beginning import Start, begin, blank_aiding, forget_biases
-from estimator.aiding.correction import apply_corrections
 from estimator.aiding.covariance import expected_variance, rotation_matrix
-from estimator.aiding.inertial import Prediction, judge_biases, predict_motion
+from estimator.aiding.inertial import Prediction, apply_corrections, judge_biases, predict_motion
 from estimator.aiding.sources.unaided import observe_unaided
 from estimator.aiding.step import aid
 from estimator.aiding.types import (

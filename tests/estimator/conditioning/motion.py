@@ -9,6 +9,7 @@ from estimator.conditioning.gather import NOTHING, Gathered
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.rate import is_mean
 from estimator.conditioning.state import ConditioningState, initial_state
+from estimator.conditioning.vertical.lowpass import Smooth, smooth
 from estimator.geometry import quaternion as qn
 from estimator.live import kernel_handle
 from estimator.live.core import in_arrays, initial_core
@@ -116,3 +117,9 @@ def vector_errors_rad(out: Conditioned, q_ned_frd: Quaternion) -> tuple[float, f
     down, north = (qn.rotate_inverse(q_ned_frd, v) for v in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)))
     apart_rad = qn.angle_between_vectors
     return apart_rad(out.gravity_b, down), apart_rad(out.magnetic_b, north)
+
+
+def smooth_scalar(k, y, w, u):
+    """A step of the low-pass for one channel: its value and slope."""
+    after = smooth(k, Smooth((y, 0.0, 0.0), (w, 0.0, 0.0)), (u, 0.0, 0.0))
+    return after.value[0], after.slope[0]

@@ -15,7 +15,8 @@ from estimator.conditioning.vertical.averaging import (
     follow_averaging,
 )
 from estimator.conditioning.vertical.gravity import observe_gravity
-from estimator.conditioning.vertical.lowpass import coefficients, low_pass, smooth_scalar
+from estimator.conditioning.vertical.lowpass import coefficients, low_pass
+from tests.estimator.conditioning.motion import smooth_scalar
 
 PARAMS = ConditioningParams()
 G, DT = 9.8, 0.05

@@ -42,7 +42,8 @@ from estimator.conditioning.params import CONFIRM_S, QUICK_S, SPAN_S, Conditioni
 from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.bias import Estimate
 from estimator.conditioning.vertical.gravity import Force
-from estimator.conditioning.vertical.lowpass import Smooth, low_pass, smooth_scalar
+from estimator.conditioning.vertical.lowpass import Smooth, low_pass
+from tests.estimator.conditioning.motion import smooth_scalar
 
 PARAMS = ConditioningParams()
 ZERO = (0.0, 0.0, 0.0)
@@ -95,7 +96,7 @@ def release(
 ):
     """The inflation after a step beside a field of dip 60 degrees that is off by 0.3 rad."""
     reference = FieldReference(horizontal=0.25, down=0.25 * sqrt(3.0), uneven=0.0001)
-    field = MagneticState(FieldLook(0.25, 0.43, confidence), reference, 0.0, True)
+    field = MagneticState(FieldLook(0.25, 0.43, confidence), reference, 0.0)
     inflation = HeadingInflation(variance, usual_s, 0.461, 0.9, no_jump)
     jump = JUMP._replace(quick_norm=norm, moves_rad=moves_rad)
     return release_inflation(
@@ -122,7 +123,7 @@ def test_the_heading_is_inflated_once_the_field_looks_as_usual(field, is_turn, n
 @pytest.mark.parametrize(("horizontal", "least"), [(0.25, 0.12), (0.01, 0.03)])  # 60, 89 deg
 def test_a_heading_is_no_surer_than_the_field_that_an_uncertain_vertical_turns(horizontal, least):
     reference = FieldReference(horizontal=horizontal, down=0.25 * sqrt(3.0))
-    field = MagneticState(FieldLook(0.25, 0.43, 0.7), reference, 0.0, True)
+    field = MagneticState(FieldLook(0.25, 0.43, 0.7), reference, 0.0)
     assert with_field_turned(ESTIMATE, 0.04, field).covariance[9] == pytest.approx(least)
     assert with_field_turned(ESTIMATE, 0.004, field) == ESTIMATE
 
@@ -155,7 +156,7 @@ SIGNS = HeadingSigns(
 
 def heading_after(state, horizontal, *, confidence=0.9, variance=0.01, is_new=False):
     look = FieldLook(0.25, 0.4, confidence)
-    field = MagneticState(look, FieldReference(0.25, 0.4, is_new=is_new), 0.0, True)
+    field = MagneticState(look, FieldReference(0.25, 0.4, is_new=is_new), 0.0)
     estimate = Estimate(ZERO, 0.9, (0, 0, 0, 0, 0, 0, 0, 0, 0, variance))
     return watch_heading(PARAMS, state, estimate, field, horizontal, DT)
 
@@ -304,7 +305,7 @@ def test_steepness_is_the_squared_tangent_of_the_dip_and_bounded():
 def test_a_vertical_that_is_not_settled_teaches_by_the_square_of_it(age_s, count):
     """Later its readings count twice, until as many have counted as came."""
     reference = REFERENCE._replace(age_s=age_s, samples=20.0)
-    state = MagneticState(LOOK, reference, 0.3, True)
+    state = MagneticState(LOOK, reference, 0.3)
     after = observe_field(PARAMS, state, (0.28, 0.0, 0.41), 0.1, 0.5)
     assert after.reference.samples == pytest.approx(20.0 + count * 0.25)
     assert after.reference.age_s == pytest.approx(age_s + 0.1)

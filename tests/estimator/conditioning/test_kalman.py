@@ -149,7 +149,7 @@ def body_that_has_turned(rng):
     )
     turning = tuple(rng.normal(0.0, 1.0, 3))
     means = state.means._replace(axes=past, turning=turning)
-    return state._replace(learnt=learnt, means=means, age_s=2.0, started=True), axes_of(q)
+    return state._replace(learnt=learnt, means=means, age_s=2.0), axes_of(q)
 
 
 @pytest.mark.parametrize("turned", [True, False])
