@@ -7,12 +7,17 @@ attitude, and the force seen through that gains a velocity that no report shows.
 
 from math import copysign
 
+import numpy as np
+
+from estimator.aiding.covariance import rotation_matrix
+from estimator.aiding.inertial import Prediction
 from estimator.aiding.types import (
     GYR_BIAS,
+    SIZE,
+    TURN,
     Agreement,
     AidingParams,
     AidingState,
-    Array,
     GyroscopeFault,
 )
 from estimator.bounds import TINY
@@ -70,9 +75,23 @@ def evidence(state: AidingState, fault: GyroscopeFault, axis: Vec3, error_rad_s:
 
 
 @inlined
-def track_errors(params: AidingParams, P: Array, fault: GyroscopeFault) -> None:
-    """Make each bias as uncertain as its axis' error, in place, if one is beyond usual biases."""
-    squares = fault.squares
-    if max(squares[0], squares[1], squares[2]) > params.gyr_bias_sigma**2:
-        for k in range(3):
-            P[GYR_BIAS + k, GYR_BIAS + k] = max(P[GYR_BIAS + k, GYR_BIAS + k], squares[k])
+def track_errors(
+    params: AidingParams, now: Prediction, before: GyroscopeFault, fault: GyroscopeFault
+) -> None:
+    """Make each bias as uncertain as its axis' error, in place, if one is beyond usual biases.
+
+    An error has turned the attitude about its axis for a second before it is found.
+    """
+    P, squares = now.covariance, fault.squares
+    if max(squares[0], squares[1], squares[2]) <= params.gyr_bias_sigma**2:
+        return
+    R = rotation_matrix(now.estimate.q_ned_frd)
+    for k in range(3):
+        found = squares[k] - before.squares[k]
+        if found > 0.0:
+            errors = np.zeros(SIZE)  # by one rad/s
+            errors[GYR_BIAS + k] = 1.0
+            for i in range(3):
+                errors[TURN + i] = -SPAN_S * R[i, k]
+            P += found * np.outer(errors, errors)
+        P[GYR_BIAS + k, GYR_BIAS + k] = max(P[GYR_BIAS + k, GYR_BIAS + k], squares[k])

@@ -93,7 +93,7 @@ def aid(
         share = 1.0 if is_silent else slow
         now, correction_cusum = level(now, correction_cusum, others, tilt_error_rad, share, dt)
     gyroscope_fault = watch_gyroscope(state, others.gyr_errors, dt)
-    track_errors(params, now.covariance, gyroscope_fault)
+    track_errors(params, now, state.gyroscope_fault, gyroscope_fault)
     if others.unsensed_turn > 0.0:
         now = level_by_force(now, others)
     before, x = known(now.covariance), np.zeros(SIZE)

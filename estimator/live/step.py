@@ -22,7 +22,7 @@ from estimator.filter.types import FilterParams
 from estimator.geometry.quaternion import subtract
 from estimator.live import turning
 from estimator.live.aided import conditioned_vectors, follow_aided, horizontal_north, is_worse
-from estimator.live.iron import CONTRADICTED, VOUCHED, mounted_rad, unshown_iron
+from estimator.live.iron import CONTRADICTED, PROVEN, VOUCHED, mounted_rad, unshown_iron
 from estimator.live.published import (
     OUTPUT_HORIZON_S,
     Published,
@@ -153,7 +153,7 @@ def step_aided(
         place_gauss=reference.place_gauss,
         unsensed_turn=unsensed_turn,
         force_scatter=events.gravity.force_scatter,
-        gyr_errors=current_errors(events.axes),
+        gyr_errors=current_errors(events.axes, now.standing == PROVEN),
     )
     before = handle.aided.estimate.q_ned_frd
     aided, handle.covariance, handle.velocity_history = aid(

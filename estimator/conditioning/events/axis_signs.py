@@ -34,7 +34,7 @@ UNPROVEN_S = 0.05**2 * SPAN_S
 
 
 class AxisSigns(NamedTuple):
-    """What the field in G shows about the gyroscope's axes."""
+    """What the field in G shows about the gyroscope's axes; an error above 0 reads too much."""
 
     slow: Vec3 = ZERO_VEC3  # mean direction of the field in G
     slower: Vec3 = ZERO_VEC3  # mean of that, over the time that gravity is averaged
@@ -46,7 +46,8 @@ class AxisSigns(NamedTuple):
     age_s: float = 0.0  # since the first field
     squares: Vec3 = ZERO_VEC3  # squared error of each axis that explains the field, (rad/s)^2
     since_s: float = LATELY_S  # since any was contradicted, up to this time
-    errors: Vec3 = ZERO_VEC3  # times its likelihood, fading, rad/s; above 0: reads too much
+    doubted_s: float = LATELY_S  # since any would be if the field went along with no turn
+    errors: Vec3 = ZERO_VEC3  # largest lately of each axis, times its likelihood; fading, rad/s
 
 
 class Seen(NamedTuple):
@@ -63,14 +64,16 @@ class Suspect(NamedTuple):
     """One axis' case."""
 
     rate_rad_s: float  # the error that would explain the field's turn
-    evidence: float  # for it against none, twice the logarithm of the likelihood ratio or so
-    by_force: float  # the part of it that the force shows
-    ratio: float  # square of the field's turn over its variance
+    by_force: float  # evidence for it by the force: twice the logarithm of a likelihood ratio or so
+    ratio: float  # the same by the field: square of its turn over the variance of that
+    fixed_ratio: float  # the same if it goes along with no turn
 
 
 with_means = replacer(AxisSigns, "slow", "slower", "age_s")
-with_judged = replacer(AxisSigns, "moves", "turns", "by_noise", "squares", "since_s", "errors")
-with_motion = replacer(AxisSigns, "turned", "unseen", "squares", "since_s", "errors")
+with_judged = replacer(
+    AxisSigns, "moves", "turns", "by_noise", "squares", "since_s", "doubted_s", "errors"
+)
+with_motion = replacer(AxisSigns, "turned", "unseen", "squares", "since_s", "doubted_s", "errors")
 with_leap = replacer(AxisSigns, "slow", "slower", "moves", "turns", "age_s")
 
 
@@ -81,9 +84,11 @@ def carry_axes(state: AxisSigns, vertical: VerticalStep, dt_s: float) -> AxisSig
     turn_g = scale(dt_s, to_frame(axes_of(vertical.q_g_frd), vertical.rate))
     turned = scale(keep, add(state.turned, turn_g))
     unseen = keep * keep * state.unseen + vertical.aliasing
-    fade, since_s = LATELY_S / (LATELY_S + dt_s), min(state.since_s + dt_s, LATELY_S)
+    since_s = min(state.since_s + dt_s, LATELY_S)
+    doubted_s = min(state.doubted_s + dt_s, LATELY_S)
+    fade = LATELY_S / (LATELY_S + dt_s)
     squares, errors = scale(fade, state.squares), scale(fade, state.errors)
-    return with_motion(state, turned, unseen, squares, since_s, errors)
+    return with_motion(state, turned, unseen, squares, since_s, doubted_s, errors)
 
 
 @inlined
@@ -172,8 +177,12 @@ def suspect(
     by_force = force_evidence(vertical.state.gravity, a, later, force_scatter)
     # gravity that has turned alike goes along with no vehicle, but iron may do so
     by_turning = field.by_iron if by_force >= REACH * REACH else field.by_turning
-    ratio = turn * turn * shown / (by_turning + field.by_noise)
-    return Suspect(turn / min(SPAN_S, state.age_s), ratio + by_force, by_force, ratio)
+    return Suspect(
+        rate_rad_s=turn / min(SPAN_S, state.age_s),
+        by_force=by_force,
+        ratio=turn * turn * shown / (by_turning + field.by_noise),
+        fixed_ratio=turn * turn * shown / field.by_noise,
+    )
 
 
 @inlined
@@ -196,28 +205,34 @@ def force_evidence(gravity: GravityState, a: Vec3, turn: float, force_scatter: f
 def judge(
     state: AxisSigns, field: Seen, cases: tuple[Suspect, Suspect, Suspect], dt_s: float
 ) -> AxisSigns:
-    """While one case is strong, each axis has its error times its likelihood beside the best case.
+    """While a case is strong, each axis has its error times its likelihood beside the best case.
 
     Axes that field and force cannot distinguish have equal shares. A ratio of up to twice the usual
     one teaches what is usual, and each cause in proportion.
     """
-    most, ratio = 0.0, 0.0
+    most, most_fixed, ratio = 0.0, 0.0, 0.0
     for case in cases:
-        most = max(most, case.evidence)
+        most = max(most, case.ratio + case.by_force)
+        most_fixed = max(most_fixed, case.fixed_ratio + case.by_force)
         ratio = max(ratio, case.ratio)
-    least = most - FAR
-    (x, y, z), share = state.squares, dt_s / (SPAN_S + dt_s)
+    least, share = most - FAR, dt_s / (SPAN_S + dt_s)
     squares = (
-        suspicion(x, cases[0], least, share),
-        suspicion(y, cases[1], least, share),
-        suspicion(z, cases[2], least, share),
+        suspicion(state.squares[0], cases[0], least, share),
+        suspicion(state.squares[1], cases[1], least, share),
+        suspicion(state.squares[2], cases[2], least, share),
     )
-    since_s, (x, y, z) = state.since_s, state.errors
-    if is_strong(cases[0], least) or is_strong(cases[1], least) or is_strong(cases[2], least):
-        since_s = 0.0
-        x = larger(x, likely_error(cases[0], most))
-        y = larger(y, likely_error(cases[1], most))
-        z = larger(z, likely_error(cases[2], most))
+    since_s, doubted_s, errors = state.since_s, state.doubted_s, state.errors
+    for case in cases:
+        if is_strong(case.ratio, case.by_force, least):
+            since_s = 0.0
+        if is_strong(case.fixed_ratio, case.by_force, most_fixed - FAR):
+            doubted_s = 0.0
+    if doubted_s <= 0.0:
+        errors = (
+            larger(errors[0], likely_error(cases[0], most_fixed)),
+            larger(errors[1], likely_error(cases[1], most_fixed)),
+            larger(errors[2], likely_error(cases[2], most_fixed)),
+        )
     variance = field.by_turning + field.by_noise
     quiet = field.by_noise / variance
     learn = dt_s / (state.age_s + dt_s) * (min(ratio, 2.0) - 1.0)
@@ -232,7 +247,8 @@ def judge(
         max(1.0, state.by_noise * (1.0 + learn * quiet)),
         squares,
         since_s,
-        (x, y, z),
+        doubted_s,
+        errors,
     )
 
 
@@ -243,7 +259,7 @@ def likely_error(case: Suspect, most: float) -> float:
     The field shows hardly anything of a turn about itself: half a turn in a second is the most.
     """
     rate_rad_s = max(-pi / SPAN_S, min(case.rate_rad_s, pi / SPAN_S))
-    return exp(0.5 * (case.evidence - most)) * rate_rad_s
+    return exp(0.5 * (case.fixed_ratio + case.by_force - most)) * rate_rad_s
 
 
 @inlined
@@ -256,21 +272,26 @@ def larger(a: float, b: float) -> float:
 def suspicion(before: float, case: Suspect, least: float, share: float) -> float:
     """The squared error of an axis, (rad/s)^2, which rises while the case is strong."""
     now = case.rate_rad_s * case.rate_rad_s
-    rises = now > before and is_strong(case, least)
+    rises = now > before and is_strong(case.ratio, case.by_force, least)
     return before + share * (now - before) if rises else before
 
 
 @inlined
-def is_strong(case: Suspect, least: float) -> bool:
-    """Whether an axis is contradicted, and its evidence beyond what another's leaves.
+def is_strong(ratio: float, by_force: float, least: float) -> bool:
+    """Whether field and force contradict an axis, with evidence beyond what another's leaves.
 
     A magnet may turn the field by any angle, so that the force must not contradict the axis: by
     less than a standard deviation it may do so by chance.
     """
-    return case.ratio > FAR and case.evidence > least and case.by_force > -1.0
+    return ratio > FAR and ratio + by_force > least and by_force > -1.0
 
 
 @inlined
-def current_errors(state: AxisSigns) -> Vec3:
-    """The errors of axes, rad/s, if any was contradicted within a second; otherwise 0."""
-    return state.errors if state.since_s < SPAN_S else ZERO_VEC3
+def current_errors(state: AxisSigns, is_proven: bool) -> Vec3:
+    """The errors of axes, rad/s, if any was contradicted within a second; otherwise 0.
+
+    Where velocity has confirmed the compass' heading, a field that is thought to go along with no
+    turn contradicts an axis, too.
+    """
+    since_s = min(state.since_s, state.doubted_s) if is_proven else state.since_s
+    return state.errors if since_s < SPAN_S else ZERO_VEC3

@@ -9,6 +9,7 @@ from estimator.conditioning.events.axis_signs import (
     Seen,
     Suspect,
     carry_axes,
+    current_errors,
     judge,
     watch_axes,
 )
@@ -167,15 +168,24 @@ def test_what_nothing_renews_is_forgotten():
 
 
 def test_a_case_much_weaker_than_another_is_dropped():
-    strong, weak, none = (Suspect(0.3, e, 0.0, e) for e in (60.0, 43.0, 1.0))
+    strong, weak, none = (Suspect(0.3, 0.0, e, e) for e in (60.0, 43.0, 1.0))
     field, signs = Seen((1.0, 0.0, 0.0), (0.01, 0.0, 0.0), 1e-4, 1e-4, 1e-4), AxisSigns(age_s=60.0)
     squares = judge(signs, field, (strong, weak, none), 0.02).squares
     assert squares == pytest.approx((0.09 * 0.02 / 1.02, 0.0, 0.0))
     errors = judge(signs, field, (strong, weak, none), 0.02).errors
     assert errors == pytest.approx((0.3, 0.3 * np.exp(-8.5), 0.0), abs=1e-9)
-    alike = strong._replace(evidence=45.0)
+    alike = strong._replace(ratio=45.0)
     assert judge(signs, field, (strong, alike, none), 0.02).squares[1] > 0.0
     by_magnet = strong._replace(by_force=-1.1)
     assert judge(signs, field, (by_magnet, none, none), 0.02).squares == (0.0, 0.0, 0.0)
     beneath = strong._replace(ratio=0.99 * FAR)
     assert judge(signs, field, (beneath, none, none), 0.02).squares == (0.0, 0.0, 0.0)
+
+
+def test_a_turn_that_a_field_may_go_along_with_is_an_error_only_beside_a_proven_compass():
+    may_go_along, none = Suspect(0.3, 0.0, 1.0, 60.0), Suspect(0.3, 0.0, 1.0, 1.0)
+    field = Seen((1.0, 0.0, 0.0), (0.01, 0.0, 0.0), 1e-4, 1e-4, 1e-4)
+    signs = judge(AxisSigns(age_s=60.0), field, (may_go_along, none, none), DT_S)
+    assert signs.squares == NO_ERROR
+    assert current_errors(signs, is_proven=False) == NO_ERROR
+    assert current_errors(signs, is_proven=True) == pytest.approx((0.3, 0.0, 0.0), abs=1e-9)
