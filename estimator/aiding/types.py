@@ -1,8 +1,10 @@
 """Parameters and state of the velocity aiding.
 
-Its errors are small turns of the attitude seen from NED and differences of everything else.
+Its errors are small turns of the attitude seen from NED and differences of
+everything else, in the order of the constants below.
 """
 
+from itertools import accumulate
 from math import radians
 from typing import NamedTuple
 
@@ -15,21 +17,38 @@ from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec2, Vec3
 
 Array = NDArray[np.float64]
 
-# Where each error begins in the covariance; the next one begins behind its components.
-TURN = 0  # rad, about north, east and down
-VELOCITY = TURN + 3  # m/s
-GYR_BIAS = VELOCITY + 3  # rad/s
-ACC_BIAS = GYR_BIAS + 3  # m/s^2
-IMU_LAG = ACC_BIAS + 3  # s
-FIELD_LAG = IMU_LAG + 1  # s
-COMPASS_TURN = FIELD_LAG + 1  # rad, of the compass in the vehicle, about the body's down
-HARD_IRON = COMPASS_TURN + 1  # gauss
-EARTH = HARD_IRON + 3  # gauss, the place's field in NED
-RECEIVER_LAG = EARTH + 3  # s, of a receiver's reports
-FILTER_LAG = RECEIVER_LAG + 1  # s, of those of an autopilot's filter
-RECEIVER_ERROR = FILTER_LAG + 1  # m/s, the slow error of a receiver's reports
-FILTER_ERROR = RECEIVER_ERROR + 3  # m/s, the slow error of an autopilot's filter
-SIZE = FILTER_ERROR + 3
+# How many components each error has in the covariance, and where it begins there.
+COMPONENTS = {
+    "turn": 3,  # rad, about north, east and down
+    "velocity": 3,  # m/s
+    "gyr_bias": 3,  # rad/s
+    "acc_bias": 3,  # m/s^2
+    "imu_lag": 1,  # s
+    "field_lag": 1,  # s
+    "compass_turn": 1,  # rad, of the compass in the vehicle, about the body's down
+    "hard_iron": 3,  # gauss
+    "earth": 3,  # gauss, the place's field in NED
+    "receiver_lag": 1,  # s, of a receiver's reports
+    "filter_lag": 1,  # s, of those of an autopilot's filter
+    "receiver_error": 3,  # m/s, the slow error of a receiver's reports
+    "filter_error": 3,  # m/s, the slow error of an autopilot's filter
+}
+(
+    TURN,
+    VELOCITY,
+    GYR_BIAS,
+    ACC_BIAS,
+    IMU_LAG,
+    FIELD_LAG,
+    COMPASS_TURN,
+    HARD_IRON,
+    EARTH,
+    RECEIVER_LAG,
+    FILTER_LAG,
+    RECEIVER_ERROR,
+    FILTER_ERROR,
+    SIZE,
+) = accumulate(COMPONENTS.values(), initial=0)
 
 
 class AidingParams(NamedTuple):

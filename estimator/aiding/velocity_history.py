@@ -4,6 +4,7 @@ Rows of (time, velocity gained since the beginning, acceleration), the newest fi
 A row is kept every ``STEP_S`` or at each sample if those are slower; the newest is always there.
 """
 
+from itertools import accumulate
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,8 @@ from estimator.types import Vec3
 
 ROWS = 32  # with ``STEP_S`` 0.6 s
 OLDEST_S = ROWS * STEP_S  # how far back it goes at least: older reports come too late
-TIME, GAINED, ACCELERATION, COLUMNS = 0, 1, 4, 7  # where each begins in a row, and its length
+WIDTHS = {"time": 1, "gained": 3, "acceleration": 3}
+TIME, GAINED, ACCELERATION, COLUMNS = accumulate(WIDTHS.values(), initial=0)
 
 
 class Since(NamedTuple):
