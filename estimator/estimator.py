@@ -7,22 +7,29 @@ import numpy as np
 from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.search import UNKNOWN_RAD
-from estimator.aiding.sources.wheels import rolls
 from estimator.arrays import Floats
 from estimator.filter.types import gain_in_words
-from estimator.geometry.earth import update_position
-from estimator.geometry.quaternion import exp, multiply
+from estimator.geometry.earth import PlaceField
 from estimator.live.aiding_span import with_imu_lag
 from estimator.live.compass_check import dip_error_rad
-from estimator.live.core import apply_turn, change_imu, with_attitude
+from estimator.live.core import Snapshot, apply_turn, change_imu
 from estimator.live.kernel_handle import NO_ROWS_BOUND
 from estimator.live.published import write
 from estimator.live.rows import NO_REPORT_ROWS, NORTHS, Q, Rows
+from estimator.live.settings import Settings
 from estimator.live.state import State
-from estimator.live.step import SHOWN_LATE, TAKEN
-from estimator.live.taking import decide, take_rate, take_report, take_sample
+from estimator.live.step import AIDED, SHOWN_LATE, TAKEN
+from estimator.live.taking import decide, set_position, take_rate, take_report, take_sample
+from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.types import Attitude, ImuSample, Quaternion, RateSample, Vec3, VehicleClass
+from estimator.types import (
+    Attitude,
+    ImuSample,
+    Quaternion,
+    RateSample,
+    Vec3,
+    VehicleClass,
+)
 
 # In place of a sample, where rows of them are bound.
 NO_SAMPLE_ITSELF = (0, *(0.0,) * 9, False)
@@ -30,16 +37,64 @@ NO_SAMPLE_ITSELF = (0, *(0.0,) * 9, False)
 _new: Any = tuple.__new__
 
 
-class Estimator(State):
+class Estimator:
     """The filter of a profile, fed sample by sample.
 
-    All that changes is its ``snapshot``; set it to resume from one.
+    All that changes is one :class:`~estimator.live.state.State`.
     """
+
+    def __init__(self, profile: Profile, fixed_gain: float | None = None) -> None:
+        self._state = State(profile, fixed_gain)
+
+    @property
+    def profile(self) -> Profile:
+        """The parameters in use."""
+        return self._state.profile
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The whole state. Set it to resume from it."""
+        return self._state.snapshot
+
+    @snapshot.setter
+    def snapshot(self, snapshot: Snapshot) -> None:
+        self._state.resume(snapshot)
+
+    def replace_profile(self, profile: Profile) -> None:
+        """Use other parameters from the next sample on; the estimate stays.
+
+        All or nothing: what a profile raises, it raises before anything has changed.
+        """
+        self._state.replace_profile(profile)
+
+    def restart(self) -> None:
+        """Forget the attitude and align anew, as after the vehicle's reboot."""
+        self._state.restart()
 
     @property
     def aligned(self) -> bool:
         """Whether there is an attitude yet."""
-        return self.context.phase is not Phase.EMPTY
+        return self._state.context.phase is not Phase.EMPTY
+
+    @property
+    def settings(self) -> Settings:
+        """What the profile comes to for this vehicle and place."""
+        return self._state.settings
+
+    @property
+    def is_aided(self) -> bool:
+        """Whether velocity helps."""
+        return self._state.context.phase is Phase.AIDED
+
+    @property
+    def unshown_iron_rad(self) -> float:
+        """How far iron may turn a heading by the field, for an uncalibrated compass."""
+        return self._state.unshown_iron_rad
+
+    @property
+    def fixed_gain(self) -> float | None:
+        """K, if it is not the profile's rules that set it."""
+        return self._state.fixed_gain
 
     def update(self, sample: ImuSample) -> Reason | None:
         """Take one sample; None, or the reason why it was refused."""
@@ -49,13 +104,14 @@ class Estimator(State):
         self, time_us: int, gyr_rad_s: Vec3, acc_m_s2: Vec3, mag_gauss: Vec3, has_mag: bool
     ) -> Reason | None:
         """Take the fields of an :class:`ImuSample`, as :meth:`update` does: it is one call less."""
-        if not self.takes_rows:
-            return take_sample(self, ImuSample(time_us, gyr_rad_s, acc_m_s2, mag_gauss, has_mag))
-        core = self.core if self.is_ready else self.ready()
-        _, _, end, self.published = core.advance(
+        state = self._state
+        if not state.takes_rows:
+            return take_sample(state, ImuSample(time_us, gyr_rad_s, acc_m_s2, mag_gauss, has_mag))
+        core = state.core if state.is_ready else state.ready()
+        _, _, end, state.published = core.advance(
             time_us, *gyr_rad_s, *acc_m_s2, *mag_gauss, has_mag, 0, 0, 0
         )
-        return None if end == TAKEN else decide(self, end)
+        return None if end == TAKEN else decide(state, end)
 
     def update_rows(
         self,
@@ -71,22 +127,23 @@ class Estimator(State):
         Returns the first row and the first report that were not taken: a row for :meth:`take`, or
         N. It also stops behind a row whose attitude is not finite.
         """
-        n, bound = len(published), None
-        while taken < n and self.takes_rows:
-            core = self.ready()
+        state, n, bound = self._state, len(published), None
+        while taken < n and state.takes_rows:
+            core = state.ready()
             if core is not bound:
                 core.bind_rows(rows, published, report_rows)
                 bound = core
             taken, next_report, end, _ = core.advance(*NO_SAMPLE_ITSELF, taken, n, next_report)
-            self.published = None
-            if decide(self, end) is not None:
+            state.published = None
+            if decide(state, end) is not None:
                 break
             if end not in (TAKEN, SHOWN_LATE):  # what was decided has changed the attitude
-                output = self.ready().publish(self.core.time_us)
-                write(published[taken - 1], output, self.is_aided)
+                write(
+                    published[taken - 1], state.ready().publish(state.core.time_us), self.is_aided
+                )
                 if not np.isfinite(published[taken - 1, Q]).all():
                     break
-        if self.core is bound:
+        if state.core is bound:
             bound.bind_rows(*NO_ROWS_BOUND)
         return taken, next_report
 
@@ -102,8 +159,8 @@ class Estimator(State):
             InputError: no source makes reports of this type, or one of its fields is no number.
         """
         if isinstance(report, RateSample):
-            return take_rate(self, report)
-        return take_report(self, report)
+            return take_rate(self._state, report)
+        return take_report(self._state, report)
 
     def set_position(
         self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
@@ -114,30 +171,7 @@ class Estimator(State):
         another place the field is another one, and conclusions from the former field are withdrawn.
         Returns whether the position was news.
         """
-        if not self.settings.learns_north:
-            return False
-        before = self.context.last_position
-        known = update_position(before, latitude_deg, longitude_deg, altitude_m, unix_us)
-        if known is before:
-            return False
-        place_field = self.place_field
-        declination_rad = 0.0 if place_field is None else place_field.declination_rad
-        self.change_context(last_position=known)
-        if known.here is None or known.here is before.here:
-            return True
-        self.replace_profile(self.profile)
-        now, field = self.core.core, known.here.field
-        if not self.is_aided or (now.seen.has_heading and not rolls(self.settings.aiding)):
-            # magnetic until now, or by another place's declination; by velocity it is true already
-            turn = exp((0.0, 0.0, field.declination_rad - declination_rad))
-            self.set_core(with_attitude(now, multiply(turn, now.filter.q_ned_frd)))
-        if before.here is not None and compass.differ(before.here.field, field):
-            # verdicts on the compass, and the aiding, were drawn from another place's field
-            self.enter(Cause.MISLED)
-            if self.context.compass.turned_rad != 0.0:
-                self.turn_compass(-self.context.compass.turned_rad)
-            self.change_context(compass=compass.restart(self.context.compass))
-        return True
+        return set_position(self._state, latitude_deg, longitude_deg, altitude_m, unix_us)
 
     def set_field_calibrated(self, calibrated: bool) -> None:
         """Declare whether the compass is calibrated.
@@ -145,20 +179,20 @@ class Estimator(State):
         If it is not, or without a declaration, a heading by the field has a sigma of 45 deg until
         turns have shown its iron, or velocity the heading.
         """
-        before = self.context.compass
-        self.change_context(compass=compass.declare(before, calibrated))
-        if compass.is_usable(before, self.core.time_us) and not calibrated:
-            self.enter(Cause.MISLED)
+        state, before = self._state, self._state.context.compass
+        state.change_context(compass=compass.declare(before, calibrated))
+        if compass.is_usable(before, state.core.time_us) and not calibrated:
+            state.enter(Cause.MISLED)
 
     def set_imu_lag(self, gyr_s: float, acc_s: float) -> None:
         """How old gyroscope's and accelerometer's samples are when sent, mostly by low-passes (s).
 
         The default is that of most vehicles, ``imu_lag_s`` of the profile.
         """
-        lead_s = gyr_s - acc_s
-        self.change_context(imu_lag_s=gyr_s, acc_lead_s=lead_s)
+        state, lead_s = self._state, gyr_s - acc_s
+        state.change_context(imu_lag_s=gyr_s, acc_lead_s=lead_s)
         if self.is_aided:
-            self.set_core(with_imu_lag(self.core.core, gyr_s, lead_s))
+            state.set_core(with_imu_lag(state.core.core, gyr_s, lead_s))
 
     def set_vehicle_class(self, vehicle_class: VehicleClass) -> None:
         """What carries the IMU, which shows how it accelerates, and whether it slips sideways.
@@ -166,23 +200,27 @@ class Estimator(State):
         It switches on ``conditioning.in_vehicle``, and sets ``aiding.sideslip_rad`` if that has its
         default.
         """
-        if vehicle_class is not self.context.vehicle_class:
-            self.change_context(vehicle_class=vehicle_class)
-            self.replace_profile(self.profile)
+        state = self._state
+        if vehicle_class is not state.context.vehicle_class:
+            state.change_context(vehicle_class=vehicle_class)
+            state.replace_profile(state.profile)
 
     def change_imu(self) -> None:
         """The samples are another IMU's from now on: its biases are its own."""
-        self.set_core(change_imu(self.settings, self.core.core, is_aided=self.is_aided))
+        state = self._state
+        state.set_core(change_imu(state.settings, state.core.core, is_aided=self.is_aided))
 
     def turn(self, turn_ned: Quaternion) -> None:
         """Turn the whole state by a rotation in NED that no sensor has felt, to test recovery."""
-        self.set_core(apply_turn(self.core.core, turn_ned, is_aided=self.is_aided))
+        state = self._state
+        state.set_core(apply_turn(state.core.core, turn_ned, is_aided=self.is_aided))
 
     def attitude(self, time_us: int) -> Attitude:
         """The attitude at ``time_us``, propagated from the last sample for output only."""
-        published = self.published
+        state = self._state
+        published = state.published
         if published is None or published[0] != time_us:
-            published = self.ready().publish(time_us)
+            published = state.ready().publish(time_us)
         # in the order of its fields; an Attitude's own constructor takes three times as long
         attitude: Attitude = _new(Attitude, (*published[:-1], NORTHS[published[-1]]))
         return attitude
@@ -190,19 +228,20 @@ class Estimator(State):
     @property
     def compass_fault(self) -> str:
         """Why the heading comes from velocity and not from the field; empty if it does not."""
-        known, time_us = self.context.compass, self.core.time_us
-        if compass.is_contradicted(known, time_us):
+        state = self._state
+        if compass.is_contradicted(state.context.compass, state.core.time_us):
             return compass.CONTRADICTED
-        if self.is_aided or not self.settings.conditioned or not self.aligned:
+        if state.source == AIDED or not state.settings.conditioned or not self.aligned:
             return ""
+        time_us = state.core.time_us
         if self.attitude(time_us).sigma_heading_rad < UNKNOWN_RAD:  # turns have shown the iron
             return ""
-        return compass.evidence_against(known, time_us)
+        return compass.evidence_against(state.context.compass, time_us)
 
     @property
     def compass_off_rad(self) -> float:
         """The angle (rad, about down) by which a compass is turned that velocity contradicts."""
-        return self.context.compass.turned_rad
+        return self._state.context.compass.turned_rad
 
     @property
     def dip_error_rad(self) -> float:
@@ -210,19 +249,26 @@ class Estimator(State):
 
         0 where it does not, and without velocity.
         """
-        return dip_error_rad(self.settings, self.core.core) if self.is_aided else 0.0
+        state = self._state
+        return dip_error_rad(state.settings, state.core.core) if self.is_aided else 0.0
 
     @property
     def rates(self) -> str:
         """Whose rates the turning was integrated through: "imu", or "imu+attitude"."""
-        return "imu+attitude" if self.core.integrated_steps else "imu"
+        return "imu+attitude" if self._state.core.integrated_steps else "imu"
 
     @property
     def gain_in_words(self) -> str:
         """What sets the gain K, and what that is worth."""
-        return gain_in_words(self.settings.filter, conditioned=self.settings.conditioned)
+        settings = self._state.settings
+        return gain_in_words(settings.filter, conditioned=settings.conditioned)
 
     @property
     def contradicted_axes(self) -> tuple[bool, bool, bool]:
         """Whether field and force contradict the gyroscope's axes x, y, z, or others stand in."""
-        return self.core.contradicted_axes
+        return self._state.core.contradicted_axes
+
+    @property
+    def place_field(self) -> PlaceField | None:
+        """The Earth's field where the vehicle is, None without a position."""
+        return self._state.place_field

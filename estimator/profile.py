@@ -201,7 +201,8 @@ def _completed(tree: Mapping[str, Any]) -> dict[str, Any]:
     """A file without memberships changes a shipped profile: that of its kind of vectors."""
     conditioning = tree.get("conditioning")
     is_raw = isinstance(conditioning, Mapping) and conditioning.get("enabled") is False
-    return _merged(load_profile("paper" if is_raw else "imu"), {"provenance": {}, **tree})
+    base = load_profile("paper" if is_raw else "imu")
+    return _merged(base, {"provenance": {}, **tree})
 
 
 def _merged(base: Profile, partial: Mapping[str, Any]) -> dict[str, Any]:

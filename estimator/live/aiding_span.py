@@ -220,7 +220,8 @@ def give_up(state: State) -> None:
             set_out(state, start, report, has_heading=core.seen.has_heading)
             return
     if core.consistency.report_wait_s <= LONG_S and is_better(core.aided.sigma, other):
-        state.change_context(compass=compass.record_giving_up(state.context.compass, core.time_us))
+        known = compass.record_giving_up(state.context.compass, core.time_us)
+        state.change_context(compass=known)
     state.enter(Cause.GIVE_UP)
     is_lost = not isfinite(sum(core.filter.q_ned_frd))
     if is_lost or (core.seen.has_heading and slow_share(core.sample.dt_s) > 0.0):
@@ -327,7 +328,10 @@ def begin_aiding(
     )
     aided = aided._replace(wheels=core.aided.wheels)
     return core._replace(
-        aided=aided, covariance=flat(covariance), velocity_history=flat(velocity_history)
+        aided=aided,
+        covariance=flat(covariance),
+        velocity_history=flat(velocity_history),
+        search=core.search,
     )
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from estimator.aiding import compass
 from estimator.aiding.beginning import Start
 from estimator.aiding.compass import Compass
-from estimator.aiding.phase import Cause
+from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.search import UNKNOWN_RAD, Solution, solve
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import COMPASS_TURN, HARD_IRON, SIZE, Report, Sigmas
@@ -48,7 +48,7 @@ from estimator.live.state import State
 
 def check_compass(state: State, report: Report) -> None:
     """Compare the compass with the heading by velocity, and act if they contradict."""
-    if not state.is_aided:
+    if state.context.phase is not Phase.AIDED:
         return
     now = state.core.core_in_arrays
     if not state.context.is_by_field:

@@ -156,7 +156,8 @@ def change_imu(settings: Settings, now: Core, *, is_aided: bool) -> Core:
     """The core with its attitude and velocity; the new sensors' biases are not known yet."""
     memory = forget_bias(settings.conditioning, now.conditioning)
     # what differs from others' rates is its own, too
-    now = now._replace(conditioning=memory, turning=STILL._replace(used=now.turning.used), rates=())
+    turning = STILL._replace(used=now.turning.used)
+    now = now._replace(conditioning=memory, turning=turning, rates=())
     if not is_aided:
         return now
     aided, P = forget_biases(settings.aiding, now.aided, in_rows(now.covariance))

@@ -112,4 +112,5 @@ class Holder:
     def _handle(self) -> Any:
         """The handle on the core, which is put into compiled memory when it is first needed."""
         put = entry_point(kernel_handle.new_handle)
-        return put(self._params, in_arrays(self._core), Situation(), *kernel_handle.NO_ROWS_BOUND)
+        arrays = in_arrays(self._core)
+        return put(self._params, arrays, Situation(), *kernel_handle.NO_ROWS_BOUND)

@@ -69,7 +69,8 @@ def _plain(values: Any, kind: type, shape: tuple[int, ...]) -> Any:
     except (TypeError, ValueError):
         plain = None
     if plain is None or plain.shape != shape:
-        raise InputError(f"rows of samples take numbers of shape {shape}, not {np.shape(values)}")
+        msg = f"rows of samples take numbers of shape {shape}, not {np.shape(values)}"
+        raise InputError(msg)
     return plain
 
 

@@ -51,7 +51,8 @@ def settings_of(
         InputError: the fixed gain is none that a profile may have.
     """
     if fixed_gain is not None and not LEAST_GAIN <= fixed_gain <= MOST_GAIN:
-        raise InputError(f"gain {fixed_gain:g}: must be a number, {LEAST_GAIN:g} to {MOST_GAIN:g}")
+        msg = f"gain {fixed_gain:g}: must be a number, {LEAST_GAIN:g} to {MOST_GAIN:g}"
+        raise InputError(msg)
     section = profile.filter
     return Settings(
         filter=FilterParams(

@@ -46,16 +46,14 @@ class State:
     :meth:`set_context` and :meth:`change_context`: what follows from them is derived there, once.
     """
 
-    profile: Profile  # the parameters in use
-    fixed_gain: float | None  # K, if it is not the profile's rules that set it
-    settings: Settings  # what the profile comes to for this vehicle and place
     core: Holder
     context: Context
     published: Published | None  # the last sample's output, while that holds
+    source: int  # RAW, CONDITIONED or AIDED
     takes_rows: bool  # samples as the profile has them, with only what rows can hold between them
     is_ready: bool  # whether the core's steps know the context
 
-    def __init__(self, profile: Profile, fixed_gain: float | None = None) -> None:
+    def __init__(self, profile: Profile, fixed_gain: float | None) -> None:
         self.fixed_gain = fixed_gain
         self.profile = profile
         self.settings = settings_of(profile, fixed_gain)
@@ -64,14 +62,15 @@ class State:
 
     @property
     def snapshot(self) -> Snapshot:
-        """All of it as a value. Set it to go on from there, under the same profile."""
+        """All of it as a value."""
         return Snapshot(self.core.core, self.context)
 
-    @snapshot.setter
-    def snapshot(self, snapshot: Snapshot) -> None:
-        self.context = snapshot.context
+    def resume(self, snapshot: Snapshot) -> None:
+        """Go on from a snapshot, under the same profile."""
+        context = snapshot.context
+        self.context = context
         self.settings = self._settings_of(self.profile)
-        self.set_context(snapshot.context)
+        self.set_context(context)
         self.set_core(snapshot.core)
 
     def set_core(self, core: Core) -> None:
@@ -86,6 +85,7 @@ class State:
     def set_context(self, context: Context) -> None:
         """Replace the context, and derive what each sample needs from it."""
         self.context = context
+        self.source = SOURCE[context.phase]
         is_of_profile = (context.phase is Phase.RAW) != self.settings.conditioned
         begun = context.phase is not Phase.EMPTY
         self.takes_rows = begun and is_of_profile and not context.reports
@@ -102,7 +102,7 @@ class State:
     def situation(self) -> Situation:
         """The part of the context that the steps need."""
         now, known, settings = self.context, self.context.compass, self.settings
-        is_aided, source = self.is_aided, SOURCE[now.phase]
+        is_aided = self.source == AIDED
         is_raw = now.phase is Phase.RAW  # vectors as the sensors show them
         vouched = known.declared_calibrated
         given = self.profile.reference.declination_deg != "position"
@@ -119,7 +119,7 @@ class State:
             vouched = known.confirmed if vouched is None else vouched
             standing = BY_TURNS
         return Situation(
-            source=source,
+            source=self.source,
             standing=VOUCHED if vouched and standing != PROVEN else standing,
             rejected_until_us=NEVER_US if is_aided else compass.rejected_until_us(known),
             used_from_us=NEVER_US if is_raw else compass.used_from_us(known),
@@ -128,7 +128,7 @@ class State:
             watches_gaps=now.phase in (Phase.SEARCHING, Phase.AIDED),
             takes_rates=settings.uses_rates,
             north=north,
-            north_without={RAW: north, CONDITIONED: 0, AIDED: NORTHS.index("true")}[source],
+            north_without={RAW: north, CONDITIONED: 0, AIDED: NORTHS.index("true")}[self.source],
         )
 
     def replace_profile(self, profile: Profile) -> None:
@@ -147,15 +147,21 @@ class State:
 
     def _settings_of(self, profile: Profile) -> Settings:
         """A profile's settings for what is known of the vehicle and of its place."""
-        return settings_of(profile, self.fixed_gain, self.place_field, self.context.vehicle_class)
+        vehicle_class = self.context.vehicle_class
+        return settings_of(profile, self.fixed_gain, self.place_field, vehicle_class)
 
     def restart(self) -> None:
-        """Forget the attitude, as after the vehicle's reboot, to align anew.
-
-        What was declared about sensors, and the place, stay.
-        """
-        known = compass.restart(self.context.compass)
-        self.change_context(phase=Phase.EMPTY, reports=(), compass=known, is_by_field=False)
+        """Forget the attitude. What was declared about sensors, and the place, stay."""
+        known = self.context
+        self.set_context(
+            Context(
+                compass=compass.restart(known.compass),
+                last_position=known.last_position,
+                imu_lag_s=known.imu_lag_s,
+                acc_lead_s=known.acc_lead_s,
+                vehicle_class=known.vehicle_class,
+            )
+        )
         self.set_core(initial_core(self.settings))
 
     def enter(self, cause: Cause) -> None:
@@ -174,8 +180,8 @@ class State:
     def turn_compass(self, turn_rad: float) -> None:
         """Read the compass as turned in the vehicle by so much more (rad, about down)."""
         turned_rad = remainder(self.context.compass.turned_rad + turn_rad, 2.0 * pi)
-        now = self.core.core
-        self.set_core(with_turned_compass(self.settings, now, turn_rad, is_aided=self.is_aided))
+        now, is_aided = self.core.core, self.context.phase is Phase.AIDED
+        self.set_core(with_turned_compass(self.settings, now, turn_rad, is_aided=is_aided))
         self.contradict_compass(turned_rad=turned_rad)
 
     def contradict_compass(self, **changes: object) -> None:
@@ -198,21 +204,14 @@ class State:
             self.set_core(with_attitude(now, q))
 
     @property
-    def is_aided(self) -> bool:
-        """Whether velocity helps."""
-        return self.context.phase is Phase.AIDED
-
-    @property
     def compass_is_usable(self) -> bool:
         """Whether there is no evidence against the compass now."""
-        return compass.is_usable(self.context.compass, self.core.time_us)
+        known = self.context.compass
+        return compass.is_usable(known, self.core.time_us)
 
     @property
     def unshown_iron_rad(self) -> float:
-        """How far iron may turn a heading by the field, for an uncalibrated compass.
-
-        See :func:`estimator.live.iron.unshown_iron`.
-        """
+        """See :func:`estimator.live.iron.unshown_iron`; 0 for raw vectors."""
         memory, settings = self.core.core.conditioning, self.settings
         if not settings.conditioned:
             return 0.0 if self.compass_is_usable else UNKNOWN_RAD

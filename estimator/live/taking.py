@@ -3,8 +3,10 @@
 from types import SimpleNamespace
 from typing import Any
 
+from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.sources.source import in_types_of, source_of
+from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.velocity_history import OLDEST_S
 from estimator.compilation.compiled import plain
 from estimator.conditioning.condition import condition
@@ -12,17 +14,45 @@ from estimator.filter import kernel
 from estimator.filter.alignment import align
 from estimator.filter.observation import raw_vectors
 from estimator.filter.types import FilterState
-from estimator.geometry.quaternion import exp, rotate
+from estimator.geometry.earth import update_position
+from estimator.geometry.quaternion import exp, multiply, rotate
 from estimator.live.aided import conditioned_vectors
 from estimator.live.aiding_span import begin_aided, give_up
 from estimator.live.compass_check import check_compass
-from estimator.live.core import UNSEEN
+from estimator.live.core import UNSEEN, Core, with_attitude
 from estimator.live.refusal import FINE, RATE_LIMIT_RAD_S, REASONS, fault_of
 from estimator.live.reports import MOST_WAITING, age_s, take_due
+from estimator.live.settings import Settings
 from estimator.live.state import State
 from estimator.live.step import FIRST_HEADING, GAP, LOST, REPORT, SHOWN, SHOWN_LATE, TAKEN
 from estimator.reasons import Reason
 from estimator.types import ImuSample, RateSample, Sample, VelocitySample
+
+
+def first_core(settings: Settings, before: Core, sample: ImuSample) -> Core:
+    """Nothing has turned yet. Plain Python: a single step is quicker so than taken into memory."""
+    first = Sample(*sample[1:], dt_s=0.0)
+    gathered, memory, seen = before.gathered, before.conditioning, UNSEEN
+    if settings.conditioned:
+        handle = SimpleNamespace(params=settings, gathered=gathered, conditioning=memory)
+        seen = condition(handle, first)
+        gathered, memory = handle.gathered, handle.conditioning
+        vectors = conditioned_vectors(settings.reference, seen)
+    else:
+        vectors = raw_vectors(settings.reference, first.acc_m_s2, first.mag, first.has_mag)
+    q = align(vectors) if settings.initial is None else settings.initial
+    first_step_s = settings.filter.first_step_s
+    state = plain(kernel.correct)(settings.filter, FilterState(q), vectors, first_step_s)
+    return before._replace(
+        time_us=sample.time_us,
+        sample=first,
+        filter=state,
+        smooth_error=state.error,
+        gathered=gathered,
+        conditioning=memory,
+        seen=seen,
+        reports=(),
+    )
 
 
 def decide(state: State, end: int) -> Reason | None:
@@ -70,41 +100,17 @@ def take_sample(state: State, sample: ImuSample) -> Reason | None:
 def advance(state: State, sample: ImuSample) -> int:
     """Take the next sample, as plain numbers; why the step ended."""
     time_us, gyr, acc, mag, has_mag = sample
-    _, _, end, _ = state.ready().advance(time_us, *gyr, *acc, *mag, has_mag, 0, 0, 0)
+    core = state.ready()
+    _, _, end, _ = core.advance(time_us, *gyr, *acc, *mag, has_mag, 0, 0, 0)
     return end
 
 
 def take_first(state: State, sample: ImuSample) -> None:
-    """Align on the first sample, or correct the given attitude; nothing has turned yet.
-
-    Plain Python: a single step is quicker so than taken into memory.
-    """
-    settings, before = state.settings, state.core.core
+    """Align on the first sample, or correct the given attitude; nothing has turned yet."""
     back = exp((0.0, 0.0, -state.context.compass.turned_rad))
-    first = Sample(*sample[1:], dt_s=0.0)._replace(mag=rotate(back, sample.mag_gauss))
-    gathered, memory, seen = before.gathered, before.conditioning, UNSEEN
-    if settings.conditioned:
-        handle = SimpleNamespace(params=settings, gathered=gathered, conditioning=memory)
-        seen = condition(handle, first)
-        gathered, memory = handle.gathered, handle.conditioning
-        vectors = conditioned_vectors(settings.reference, seen)
-    else:
-        vectors = raw_vectors(settings.reference, first.acc_m_s2, first.mag, first.has_mag)
-    q = align(vectors) if settings.initial is None else settings.initial
-    first_step_s = settings.filter.first_step_s
-    filtered = plain(kernel.correct)(settings.filter, FilterState(q), vectors, first_step_s)
-    now = before._replace(
-        time_us=sample.time_us,
-        sample=first,
-        filter=filtered,
-        smooth_error=filtered.error,
-        gathered=gathered,
-        conditioning=memory,
-        seen=seen,
-        reports=(),
-    )
-    state.set_core(now)
-    state.enter(Cause.SAMPLE if settings.conditioned else Cause.RAW_SAMPLE)
+    sample = sample._replace(mag_gauss=rotate(back, sample.mag_gauss))
+    state.set_core(first_core(state.settings, state.core.core, sample))
+    state.enter(Cause.SAMPLE if state.settings.conditioned else Cause.RAW_SAMPLE)
     state.change_context(reports=())
 
 
@@ -118,7 +124,7 @@ def take_beside(state: State, sample: ImuSample) -> None:
     due, ahead = take_due(state.context.reports, sample.time_us, oldest_s)
     state.change_context(reports=ahead)
     end = advance(state, sample)
-    is_aided = state.is_aided and not end & (GAP | LOST)
+    is_aided = state.context.phase is Phase.AIDED and not end & (GAP | LOST)
     # there was a heading before
     decide(state, end & ~FIRST_HEADING if was_raw else end)
     for other in due if is_aided else ():
@@ -126,7 +132,11 @@ def take_beside(state: State, sample: ImuSample) -> None:
 
 
 def take_report(state: State, report: Any) -> Reason | None:
-    """See :meth:`estimator.estimator.Estimator.update_report`, of a source of aiding."""
+    """Take a report of a source of aiding; None, or why it was refused.
+
+    Raises:
+        InputError: no source makes such reports, or a field is no number.
+    """
     source = source_of(report)
     report = in_types_of(source.blank, report)
     reason = source.refusal(report)
@@ -137,7 +147,7 @@ def take_report(state: State, report: Any) -> Reason | None:
         time_us, velocity, has_vertical, sigma_m_s, late_s = report
         if core.take_report(False, time_us, *velocity, sigma_m_s, late_s, has_vertical):
             check_compass(state, core.last_report()[0])
-    elif state.is_aided:
+    elif state.context.phase is Phase.AIDED:
         if report.time_us > core.time_us:
             waiting = (*state.context.reports, report)
             state.change_context(reports=waiting[-MOST_WAITING:])
@@ -154,3 +164,34 @@ def take_rate(state: State, rate: RateSample) -> Reason | None:
     if state.settings.uses_rates:
         state.core.take_report(True, rate.time_us, x, y, z, 0.0, 0.0, False)
     return None
+
+
+def set_position(
+    state: State, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
+) -> bool:
+    """See :meth:`estimator.estimator.Estimator.set_position`."""
+    if not state.settings.learns_north:
+        return False
+    before = state.context.last_position
+    known = update_position(before, latitude_deg, longitude_deg, altitude_m, unix_us)
+    if known is before:
+        return False
+    place_field = state.place_field
+    declination_rad = 0.0 if place_field is None else place_field.declination_rad
+    state.change_context(last_position=known)
+    if known.here is None or known.here is before.here:
+        return True
+    state.replace_profile(state.profile)
+    now, field = state.core.core, known.here.field
+    is_aided = state.context.phase is Phase.AIDED
+    if not is_aided or (now.seen.has_heading and not rolls(state.settings.aiding)):
+        # magnetic until now, or by another place's declination; by velocity it is true already
+        turn = exp((0.0, 0.0, field.declination_rad - declination_rad))
+        state.set_core(with_attitude(now, multiply(turn, now.filter.q_ned_frd)))
+    if before.here is not None and compass.differ(before.here.field, field):
+        # verdicts on the compass, and the aiding, were drawn from another place's field
+        state.enter(Cause.MISLED)
+        if state.context.compass.turned_rad != 0.0:
+            state.turn_compass(-state.context.compass.turned_rad)
+        state.change_context(compass=compass.restart(state.context.compass))
+    return True

@@ -58,4 +58,5 @@ def aliased_turn(recording: Recording) -> Floats:
 
 def late_s(recording: Recording) -> Floats:
     """How old (N, 1) the mean over a step is at its end."""
-    return np.where(stands_for_step(recording), 0.5 * steps_s(recording.rows), 0.0)[:, None]
+    half_s = 0.5 * steps_s(recording.rows)
+    return np.where(stands_for_step(recording), half_s, 0.0)[:, None]

@@ -127,7 +127,8 @@ class Recorder(Estimator):
             reports = np.frombuffer(self._reports).reshape(-1, REPORT_SIZE)
             last = Estimator(self.profile, self.fixed_gain)
             last.snapshot = self.snapshot
-            self._ended.append(Recording(rows, self._changes, reports, forward, bias, last, places))
+            recording = Recording(rows, self._changes, reports, forward, bias, last, places)
+            self._ended.append(recording)
         self._before += len(self._is_taken)
         self._begin()
 

@@ -297,7 +297,7 @@ def test_a_compass_that_velocity_confirms_goes_on_giving_the_heading():
 
 def test_a_compass_that_is_found_turned_is_turned_once_in_a_look():
     """The rest of the turn that the aiding had learnt belongs to the readings before."""
-    state = taken_along(Estimator(PROFILE), LONG_FLIGHT, 2_000)
+    state = taken_along(Estimator(PROFILE), LONG_FLIGHT, 2_000)._state
     state.change_context(compass=Compass())  # as if nobody had said a word
     now, P = state.core.core, np.array(state.core.core_in_arrays.covariance)
     P[COMPASS_TURN, COMPASS_TURN] = 1e-8
