@@ -2,8 +2,6 @@
 
 from math import atan2, degrees, exp, hypot, isfinite, remainder
 
-from msgspec.structs import astuple
-
 from drivers.events import Imu, OtherImu
 from estimator.aiding.compass import resembles
 from estimator.geometry.earth import PlaceField
@@ -137,14 +135,14 @@ class OtherImus:
 
     def take(self, other: OtherImu, ours: Imu | None) -> None:
         """Take a reading of another IMU, if it is time."""
-        _, arrival_us, message, rate, force = astuple(other)
-        means = self._means.get(message)
+        arrival_us, means = other.arrival_us, self._means.get(other.message)
         if means is not None and 0 <= arrival_us - means.looked_us < IMU_LOOK_EVERY_US:
             return
+        rate, force = other.rate_rad_s, other.force_m_s2
         is_finite = isfinite(sum((*rate, *force)))
         if ours is None or abs(arrival_us - ours.arrival_us) > APART_US or not is_finite:
             return
-        means = self._means.setdefault(message, _Means())
+        means = self._means.setdefault(other.message, _Means())
         means.looked_us = arrival_us
         means.looks += 1
         share = 1.0 / min(means.looks, IMU_LOOKS)

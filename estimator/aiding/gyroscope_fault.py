@@ -80,7 +80,8 @@ def track_errors(
 ) -> None:
     """Make each bias as uncertain as its axis' error, in place, if one is beyond usual biases.
 
-    An error has turned the attitude about its axis for a second before it is found.
+    What is found of an error has turned the attitude about its axis for a second already. Bias and
+    turn become uncertain together, so that to correct one corrects the other.
     """
     P, squares = now.covariance, fault.squares
     if max(squares[0], squares[1], squares[2]) <= params.gyr_bias_sigma**2:
@@ -89,7 +90,7 @@ def track_errors(
     for k in range(3):
         found = squares[k] - before.squares[k]
         if found > 0.0:
-            errors = np.zeros(SIZE)  # by one rad/s
+            errors = np.zeros(SIZE)  # what 1 rad/s makes
             errors[GYR_BIAS + k] = 1.0
             for i in range(3):
                 errors[TURN + i] = -SPAN_S * R[i, k]

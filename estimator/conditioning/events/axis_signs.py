@@ -46,8 +46,10 @@ class AxisSigns(NamedTuple):
     age_s: float = 0.0  # since the first field
     squares: Vec3 = ZERO_VEC3  # squared error of each axis that explains the field, (rad/s)^2
     since_s: float = LATELY_S  # since any was contradicted, up to this time
-    doubted_s: float = LATELY_S  # since any would be if the field went along with no turn
     errors: Vec3 = ZERO_VEC3  # largest lately of each axis, times its likelihood; fading, rad/s
+    # both, were the field known to go along with no turn
+    doubted_s: float = LATELY_S
+    doubted_errors: Vec3 = ZERO_VEC3
 
 
 class Seen(NamedTuple):
@@ -66,14 +68,24 @@ class Suspect(NamedTuple):
     rate_rad_s: float  # the error that would explain the field's turn
     by_force: float  # evidence for it by the force: twice the logarithm of a likelihood ratio or so
     ratio: float  # the same by the field: square of its turn over the variance of that
-    fixed_ratio: float  # the same if it goes along with no turn
+    fixed_ratio: float  # the same, were it known to go along with no turn: never below ``ratio``
 
 
 with_means = replacer(AxisSigns, "slow", "slower", "age_s")
 with_judged = replacer(
-    AxisSigns, "moves", "turns", "by_noise", "squares", "since_s", "doubted_s", "errors"
+    AxisSigns,
+    "moves",
+    "turns",
+    "by_noise",
+    "squares",
+    "since_s",
+    "errors",
+    "doubted_s",
+    "doubted_errors",
 )
-with_motion = replacer(AxisSigns, "turned", "unseen", "squares", "since_s", "doubted_s", "errors")
+with_motion = replacer(
+    AxisSigns, "turned", "unseen", "squares", "since_s", "errors", "doubted_s", "doubted_errors"
+)
 with_leap = replacer(AxisSigns, "slow", "slower", "moves", "turns", "age_s")
 
 
@@ -84,11 +96,17 @@ def carry_axes(state: AxisSigns, vertical: VerticalStep, dt_s: float) -> AxisSig
     turn_g = scale(dt_s, to_frame(axes_of(vertical.q_g_frd), vertical.rate))
     turned = scale(keep, add(state.turned, turn_g))
     unseen = keep * keep * state.unseen + vertical.aliasing
-    since_s = min(state.since_s + dt_s, LATELY_S)
-    doubted_s = min(state.doubted_s + dt_s, LATELY_S)
     fade = LATELY_S / (LATELY_S + dt_s)
-    squares, errors = scale(fade, state.squares), scale(fade, state.errors)
-    return with_motion(state, turned, unseen, squares, since_s, doubted_s, errors)
+    return with_motion(
+        state,
+        turned,
+        unseen,
+        scale(fade, state.squares),
+        min(state.since_s + dt_s, LATELY_S),
+        scale(fade, state.errors),
+        min(state.doubted_s + dt_s, LATELY_S),
+        scale(fade, state.doubted_errors),
+    )
 
 
 @inlined
@@ -205,15 +223,13 @@ def force_evidence(gravity: GravityState, a: Vec3, turn: float, force_scatter: f
 def judge(
     state: AxisSigns, field: Seen, cases: tuple[Suspect, Suspect, Suspect], dt_s: float
 ) -> AxisSigns:
-    """While a case is strong, each axis has its error times its likelihood beside the best case.
+    """What the cases say of each axis. A ratio of up to twice the usual one teaches what is usual.
 
-    Axes that field and force cannot distinguish have equal shares. A ratio of up to twice the usual
-    one teaches what is usual, and each cause in proportion.
+    Each cause learns in proportion.
     """
-    most, most_fixed, ratio = 0.0, 0.0, 0.0
+    most, ratio = 0.0, 0.0
     for case in cases:
         most = max(most, case.ratio + case.by_force)
-        most_fixed = max(most_fixed, case.fixed_ratio + case.by_force)
         ratio = max(ratio, case.ratio)
     least, share = most - FAR, dt_s / (SPAN_S + dt_s)
     squares = (
@@ -221,18 +237,9 @@ def judge(
         suspicion(state.squares[1], cases[1], least, share),
         suspicion(state.squares[2], cases[2], least, share),
     )
-    since_s, doubted_s, errors = state.since_s, state.doubted_s, state.errors
-    for case in cases:
-        if is_strong(case.ratio, case.by_force, least):
-            since_s = 0.0
-        if is_strong(case.fixed_ratio, case.by_force, most_fixed - FAR):
-            doubted_s = 0.0
-    if doubted_s <= 0.0:
-        errors = (
-            larger(errors[0], likely_error(cases[0], most_fixed)),
-            larger(errors[1], likely_error(cases[1], most_fixed)),
-            larger(errors[2], likely_error(cases[2], most_fixed)),
-        )
+    since_s, errors = likely_errors(state.since_s, state.errors, cases)
+    fixed = (if_fixed(cases[0]), if_fixed(cases[1]), if_fixed(cases[2]))
+    doubted_s, doubted_errors = likely_errors(state.doubted_s, state.doubted_errors, fixed)
     variance = field.by_turning + field.by_noise
     quiet = field.by_noise / variance
     learn = dt_s / (state.age_s + dt_s) * (min(ratio, 2.0) - 1.0)
@@ -247,9 +254,36 @@ def judge(
         max(1.0, state.by_noise * (1.0 + learn * quiet)),
         squares,
         since_s,
-        doubted_s,
         errors,
+        doubted_s,
+        doubted_errors,
     )
+
+
+@inlined
+def if_fixed(case: Suspect) -> Suspect:
+    """The case, were the field known to go along with no turn."""
+    return Suspect(case.rate_rad_s, case.by_force, case.fixed_ratio, case.fixed_ratio)
+
+
+@inlined
+def likely_errors(
+    since_s: float, errors: Vec3, cases: tuple[Suspect, Suspect, Suspect]
+) -> tuple[float, Vec3]:
+    """While a case is strong, each axis has its error times its likelihood beside the best case.
+
+    Axes that field and force cannot distinguish have equal shares. ``since_s`` is 0 then.
+    """
+    most = 0.0
+    for case in cases:
+        most = max(most, case.ratio + case.by_force)
+    (x, y, z), least = errors, most - FAR
+    if is_strong(cases[0], least) or is_strong(cases[1], least) or is_strong(cases[2], least):
+        since_s = 0.0
+        x = larger(x, likely_error(cases[0], most))
+        y = larger(y, likely_error(cases[1], most))
+        z = larger(z, likely_error(cases[2], most))
+    return since_s, (x, y, z)
 
 
 @inlined
@@ -259,7 +293,7 @@ def likely_error(case: Suspect, most: float) -> float:
     The field shows hardly anything of a turn about itself: half a turn in a second is the most.
     """
     rate_rad_s = max(-pi / SPAN_S, min(case.rate_rad_s, pi / SPAN_S))
-    return exp(0.5 * (case.fixed_ratio + case.by_force - most)) * rate_rad_s
+    return exp(0.5 * (case.ratio + case.by_force - most)) * rate_rad_s
 
 
 @inlined
@@ -272,26 +306,27 @@ def larger(a: float, b: float) -> float:
 def suspicion(before: float, case: Suspect, least: float, share: float) -> float:
     """The squared error of an axis, (rad/s)^2, which rises while the case is strong."""
     now = case.rate_rad_s * case.rate_rad_s
-    rises = now > before and is_strong(case.ratio, case.by_force, least)
+    rises = now > before and is_strong(case, least)
     return before + share * (now - before) if rises else before
 
 
 @inlined
-def is_strong(ratio: float, by_force: float, least: float) -> bool:
+def is_strong(case: Suspect, least: float) -> bool:
     """Whether field and force contradict an axis, with evidence beyond what another's leaves.
 
     A magnet may turn the field by any angle, so that the force must not contradict the axis: by
     less than a standard deviation it may do so by chance.
     """
-    return ratio > FAR and ratio + by_force > least and by_force > -1.0
+    return case.ratio > FAR and case.ratio + case.by_force > least and case.by_force > -1.0
 
 
 @inlined
 def current_errors(state: AxisSigns, is_proven: bool) -> Vec3:
     """The errors of axes, rad/s, if any was contradicted within a second; otherwise 0.
 
-    Where velocity has confirmed the compass' heading, a field that is thought to go along with no
-    turn contradicts an axis, too.
+    Once velocity has confirmed the compass' heading (``is_proven``), the field is known to go along
+    with no turn, so that less contradicts an axis.
     """
-    since_s = min(state.since_s, state.doubted_s) if is_proven else state.since_s
-    return state.errors if since_s < SPAN_S else ZERO_VEC3
+    if is_proven and state.doubted_s < SPAN_S:
+        return state.doubted_errors
+    return state.errors if state.since_s < SPAN_S else ZERO_VEC3

@@ -184,8 +184,12 @@ def test_a_case_much_weaker_than_another_is_dropped():
 
 def test_a_turn_that_a_field_may_go_along_with_is_an_error_only_beside_a_proven_compass():
     may_go_along, none = Suspect(0.3, 0.0, 1.0, 60.0), Suspect(0.3, 0.0, 1.0, 1.0)
+    strong = Suspect(0.2, 0.0, 60.0, 60.0)
     field = Seen((1.0, 0.0, 0.0), (0.01, 0.0, 0.0), 1e-4, 1e-4, 1e-4)
     signs = judge(AxisSigns(age_s=60.0), field, (may_go_along, none, none), DT_S)
     assert signs.squares == NO_ERROR
     assert current_errors(signs, is_proven=False) == NO_ERROR
     assert current_errors(signs, is_proven=True) == pytest.approx((0.3, 0.0, 0.0), abs=1e-9)
+    both = judge(signs, field, (may_go_along, strong, none), DT_S)
+    assert current_errors(both, is_proven=False) == pytest.approx((0.0, 0.2, 0.0), abs=1e-9)
+    assert current_errors(both, is_proven=True) == pytest.approx((0.3, 0.2, 0.0), abs=1e-9)
