@@ -48,8 +48,8 @@ class AxisSigns(NamedTuple):
     since_s: float = LATELY_S  # since any was contradicted, up to this time
     errors: Vec3 = ZERO_VEC3  # largest lately of each axis, times its likelihood; fading, rad/s
     # both, were the field known to go along with no turn
-    doubted_s: float = LATELY_S
-    doubted_errors: Vec3 = ZERO_VEC3
+    fixed_since_s: float = LATELY_S
+    fixed_errors: Vec3 = ZERO_VEC3
 
 
 class Seen(NamedTuple):
@@ -80,11 +80,11 @@ with_judged = replacer(
     "squares",
     "since_s",
     "errors",
-    "doubted_s",
-    "doubted_errors",
+    "fixed_since_s",
+    "fixed_errors",
 )
 with_motion = replacer(
-    AxisSigns, "turned", "unseen", "squares", "since_s", "errors", "doubted_s", "doubted_errors"
+    AxisSigns, "turned", "unseen", "squares", "since_s", "errors", "fixed_since_s", "fixed_errors"
 )
 with_leap = replacer(AxisSigns, "slow", "slower", "moves", "turns", "age_s")
 
@@ -104,8 +104,8 @@ def carry_axes(state: AxisSigns, vertical: VerticalStep, dt_s: float) -> AxisSig
         scale(fade, state.squares),
         min(state.since_s + dt_s, LATELY_S),
         scale(fade, state.errors),
-        min(state.doubted_s + dt_s, LATELY_S),
-        scale(fade, state.doubted_errors),
+        min(state.fixed_since_s + dt_s, LATELY_S),
+        scale(fade, state.fixed_errors),
     )
 
 
@@ -239,7 +239,7 @@ def judge(
     )
     since_s, errors = likely_errors(state.since_s, state.errors, cases)
     fixed = (if_fixed(cases[0]), if_fixed(cases[1]), if_fixed(cases[2]))
-    doubted_s, doubted_errors = likely_errors(state.doubted_s, state.doubted_errors, fixed)
+    fixed_since_s, fixed_errors = likely_errors(state.fixed_since_s, state.fixed_errors, fixed)
     variance = field.by_turning + field.by_noise
     quiet = field.by_noise / variance
     learn = dt_s / (state.age_s + dt_s) * (min(ratio, 2.0) - 1.0)
@@ -255,8 +255,8 @@ def judge(
         squares,
         since_s,
         errors,
-        doubted_s,
-        doubted_errors,
+        fixed_since_s,
+        fixed_errors,
     )
 
 
@@ -327,6 +327,6 @@ def current_errors(state: AxisSigns, is_proven: bool) -> Vec3:
     Once velocity has confirmed the compass' heading (``is_proven``), the field is known to go along
     with no turn, so that less contradicts an axis.
     """
-    if is_proven and state.doubted_s < SPAN_S:
-        return state.doubted_errors
+    if is_proven and state.fixed_since_s < SPAN_S:
+        return state.fixed_errors
     return state.errors if state.since_s < SPAN_S else ZERO_VEC3
