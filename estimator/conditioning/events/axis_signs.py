@@ -223,15 +223,14 @@ def force_evidence(gravity: GravityState, a: Vec3, turn: float, force_scatter: f
 def judge(
     state: AxisSigns, field: Seen, cases: tuple[Suspect, Suspect, Suspect], dt_s: float
 ) -> AxisSigns:
-    """What the cases say of each axis. A ratio of up to twice the usual one teaches what is usual.
+    """What the cases show of each axis, and of how a field moves.
 
-    Each cause learns in proportion.
+    A ratio of up to twice the usual one teaches what is usual, each cause in proportion.
     """
-    most, ratio = 0.0, 0.0
+    ratio = 0.0
     for case in cases:
-        most = max(most, case.ratio + case.by_force)
         ratio = max(ratio, case.ratio)
-    least, share = most - FAR, dt_s / (SPAN_S + dt_s)
+    least, share = most_evidence(cases) - FAR, dt_s / (SPAN_S + dt_s)
     squares = (
         suspicion(state.squares[0], cases[0], least, share),
         suspicion(state.squares[1], cases[1], least, share),
@@ -267,6 +266,15 @@ def if_fixed(case: Suspect) -> Suspect:
 
 
 @inlined
+def most_evidence(cases: tuple[Suspect, Suspect, Suspect]) -> float:
+    """That of the best case against an axis, by field and force together."""
+    most = 0.0
+    for case in cases:
+        most = max(most, case.ratio + case.by_force)
+    return most
+
+
+@inlined
 def likely_errors(
     since_s: float, errors: Vec3, cases: tuple[Suspect, Suspect, Suspect]
 ) -> tuple[float, Vec3]:
@@ -274,9 +282,7 @@ def likely_errors(
 
     Axes that field and force cannot distinguish have equal shares. ``since_s`` is 0 then.
     """
-    most = 0.0
-    for case in cases:
-        most = max(most, case.ratio + case.by_force)
+    most = most_evidence(cases)
     (x, y, z), least = errors, most - FAR
     if is_strong(cases[0], least) or is_strong(cases[1], least) or is_strong(cases[2], least):
         since_s = 0.0
