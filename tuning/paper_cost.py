@@ -13,7 +13,7 @@ import numpy as np
 
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.arrays import Floats
-from estimator.compilation.compiled import compiled, inlined, replacer, types_of
+from estimator.compilation.compiled import compiled, inlined, types_of
 from estimator.filter import kernel
 from estimator.filter.fuzzy import centroid, fire, fuzzify
 from estimator.filter.memberships import Memberships, fuzzy_sets
@@ -51,8 +51,6 @@ Q, BIAS, ERROR, RATE, STEP, LEARNT, INNOVATION, TOTAL, ROWS = 24, 28, 31, 32, 33
 FEW, ALL = 4, 9
 COSINE = tuple((-1) ** n / factorial(2 * n) for n in range(ALL))
 SINE = tuple((-1) ** n / factorial(2 * n + 1) for n in range(ALL))
-
-with_gamma = replacer(FilterParams, "gamma")
 
 
 class Signals(NamedTuple):
@@ -195,7 +193,7 @@ def _infer(params: FilterParams, step: Step, lanes: Floats) -> None:
         rate = fuzzify(k, min(abs(lanes[RATE, j]), 1.0))
         K = 1.0 + centroid(fire(e, rate), fuzzy_sets(k).output)
         g = kernel.step_gain(params, K, step.fastest, dt)
-        gamma = with_gamma(params, lanes[GAMMA, j])
+        gamma = params._replace(gamma=lanes[GAMMA, j])
         lanes[STEP, j], lanes[LEARNT, j] = g, kernel.bias_gain(gamma, K, g, step.fastest, dt)
 
 

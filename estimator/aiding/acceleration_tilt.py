@@ -10,7 +10,7 @@ from math import hypot
 
 from estimator.aiding.inertial import GRAVITY_NED
 from estimator.aiding.types import AccelerationTilt
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import MOST_DEVIATION
 from estimator.conditioning.vertical.lowpass import approach
@@ -21,8 +21,6 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 ACCELERATION_TILT_TAU_S = ConditioningParams().gravity_tau_s
 # A smaller acceleration (m/s^2) does not distinguish two attitudes.
 LEAST_PUSH_M_S2 = 1.0
-
-with_latest = replacer(AccelerationTilt, "latest_m_s")
 
 
 @inlined

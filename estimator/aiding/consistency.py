@@ -16,7 +16,7 @@ from typing import NamedTuple
 from estimator.aiding.correction_cusum import MOST_SQUARE
 from estimator.aiding.search import Window, extend_window, open_window
 from estimator.aiding.types import AidingEstimate, AidingParams, AidingState, Report, Sigmas
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.params import ACCELERATION_LASTS_S, LONG_S, SPAN_S
 from estimator.conditioning.robust import REACH
@@ -79,14 +79,6 @@ class Consistency(NamedTuple):
 
 NEW_CONSISTENCY = Consistency()
 
-with_motion = replacer(
-    Consistency, "q_g_frd", "window", "turned_rad", "report_wait_s", "field_wait_s"
-)
-with_window = replacer(Consistency, "window", "turned_rad", "by_receiver", "report_wait_s")
-with_force = replacer(Consistency, "force_wait_s", "force", "tilt")
-with_field = replacer(Consistency, "field_wait_s", "field", "heading")
-with_error = replacer(Consistency, "error", "error_rate_1_s")
-
 
 @inlined
 def average(apart: Apart, north_rad: float, east_rad: float, time_s: float) -> Apart:
@@ -130,12 +122,17 @@ def compare_sample(consistency: Consistency, aided: AidingState, sample: Sample)
     if force_wait_s > ACCELERATION_LASTS_S:
         keep = real_exp(-dt / SPAN_S)
         tilt = Apart(keep * tilt.mean_north_rad, keep * tilt.mean_east_rad, tilt.mean_square)
-        force = Direction(force.g, force.ned, 0.0)
-    turned_rad = consistency.turned_rad + dt * norm(aided.last.rate_rad_s)
-    window = extend_window(consistency.window, force_g, dt)
-    report_wait_s, field_wait_s = consistency.report_wait_s + dt, consistency.field_wait_s + dt
-    moved = with_motion(consistency, q_g_frd, window, turned_rad, report_wait_s, field_wait_s)
-    return with_force(moved, force_wait_s, force, tilt)
+        force = force._replace(share=0.0)
+    return consistency._replace(
+        q_g_frd=q_g_frd,
+        window=extend_window(consistency.window, force_g, dt),
+        turned_rad=consistency.turned_rad + dt * norm(aided.last.rate_rad_s),
+        report_wait_s=consistency.report_wait_s + dt,
+        field_wait_s=consistency.field_wait_s + dt,
+        force_wait_s=force_wait_s,
+        force=force,
+        tilt=tilt,
+    )
 
 
 @inlined
@@ -173,8 +170,10 @@ def compare_report(
         force = Direction(unit(pushed), unit(expected), share)
         tilt = average(tilt, turn[0], turn[1], time_s)
         force_wait_s = 0.0
-    consistency = with_window(consistency, opened, turned_rad, is_receiver, 0.0)
-    return with_force(consistency, force_wait_s, force, tilt)
+    consistency = consistency._replace(
+        window=opened, turned_rad=turned_rad, by_receiver=is_receiver, report_wait_s=0.0
+    )
+    return consistency._replace(force_wait_s=force_wait_s, force=force, tilt=tilt)
 
 
 @inlined
@@ -224,7 +223,9 @@ def compare_field(consistency: Consistency, aided: AidingState, sample: Sample) 
     off = share * atan2(F[0] * E[1] - F[1] * E[0], F[0] * E[0] + F[1] * E[1])
     wait = min(consistency.field_wait_s, 1.0)
     seen = Direction(unit(rotate(consistency.q_g_frd, m)), unit(E), share)
-    return with_field(consistency, 0.0, seen, average(consistency.heading, off, 0.0, wait))
+    return consistency._replace(
+        field_wait_s=0.0, field=seen, heading=average(consistency.heading, off, 0.0, wait)
+    )
 
 
 @inlined
@@ -244,7 +245,9 @@ def compare(
         by_force = force.share * (1.0 - dot(rotate(q_ned_g, force.g), force.ned))
         e = min(1.0, max(0.0, 0.5 * (by_field + by_force) / total))
     change = e - consistency.error
-    return with_error(consistency, e, follow_rate(consistency.error_rate_1_s, change, dt, tau_s))
+    return consistency._replace(
+        error=e, error_rate_1_s=follow_rate(consistency.error_rate_1_s, change, dt, tau_s)
+    )
 
 
 @inlined

@@ -73,10 +73,8 @@ def add_correction(
     cusum: CorrectionCusum, turn_rad: Vec3, before: Known, after: Known
 ) -> CorrectionCusum:
     """One more correction (NED), which has brought the variances down."""
-    return CorrectionCusum(
+    return cusum._replace(
         turn_rad=add(cusum.turn_rad, turn_rad),
-        bias_rad_s=cusum.bias_rad_s,
-        least_variance=cusum.least_variance,
         level=cusum.level + max(0.0, before.level - after.level),
         heading=cusum.heading + max(0.0, before.heading - after.heading),
     )

@@ -30,12 +30,11 @@ from estimator.aiding.types import (
     AidingState,
     Array,
     BiasPrior,
-    LastStep,
     Roughness,
 )
 from estimator.aiding.velocity_history import ACCELERATION, TIME, extend_velocity_history, row
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.params import FORGET_S, USUAL_S
 from estimator.conditioning.rate import integration_rate
@@ -57,10 +56,6 @@ GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
 LEARNT_LASTS_S = 2500.0
 # Forces usually lie at least this far off the line through two others, m/s^2: noise and shaking.
 LEAST_KNOCK_M_S2 = 2.0
-
-moved = replacer(
-    AidingEstimate, *("q_ned_frd", "velocity_ned_m_s", "receiver_error_m_s", "filter_error_m_s")
-)
 
 
 class Prediction(NamedTuple):
@@ -109,10 +104,18 @@ def predict_motion(
     off = newest_deviation(velocity_history)
     aliased_push = scale(dt, off)
     unseen = (params.gyr_slow_noise_1_s * seen_s) ** 2 * dot(rate, rate) * dt
-    slow_errors = add_noise(params, P, state, aliased_turn, aliased_push, unseen, dt)
+    receiver_error, filter_error = add_noise(
+        params, P, state, aliased_turn, aliased_push, unseen, dt
+    )
     add_knock(P, state.rough, off, dt)
+    estimate = estimate._replace(
+        q_ned_frd=q,
+        velocity_ned_m_s=v,
+        receiver_error_m_s=receiver_error,
+        filter_error_m_s=filter_error,
+    )
     return Prediction(
-        estimate=moved(estimate, q, v, *slow_errors),
+        estimate=estimate,
         force_ned_m_s2=force,
         rate_rad_s=rate,
         velocity_history=velocity_history,
@@ -170,7 +173,7 @@ def watch_knocks(rough: Roughness, velocity_history: Array, dt: float) -> Roughn
     off = newest_deviation(velocity_history)
     square = min(dot(off, off), largest_knock(rough))
     knocked = rough.knocked + dt / (USUAL_S + dt) * (square - rough.knocked)
-    return Roughness(rough.second_difference, rough.changed, knocked)
+    return rough._replace(knocked=knocked)
 
 
 @inlined
@@ -284,10 +287,6 @@ def age_error(
     return scale(keep, error)
 
 
-with_force = replacer(LastStep, "force_ned_m_s2")
-with_last = replacer(AidingState, "estimate", "last")
-
-
 @inlined
 def part(x: Array, first: int) -> Vec3:
     """Three corrections from ``first`` on."""
@@ -301,13 +300,12 @@ def apply_corrections(now: Prediction, x: Array) -> Prediction:
     turn = exp(part(x, TURN))
     q = normalize(multiply(turn, before.q_ned_frd))
     change = part(x, ACC_BIAS)
-    estimate = AidingEstimate(
+    estimate = before._replace(
         q_ned_frd=q,
         velocity_ned_m_s=add(before.velocity_ned_m_s, part(x, VELOCITY)),
         gyr_bias_rad_s=add(before.gyr_bias_rad_s, part(x, GYR_BIAS)),
         acc_bias_m_s2=add(before.acc_bias_m_s2, change),
         imu_lag_s=before.imu_lag_s + x[IMU_LAG],
-        acc_lead_s=before.acc_lead_s,
         field_lag_s=before.field_lag_s + x[FIELD_LAG],
         compass_turn_rad=before.compass_turn_rad + x[COMPASS_TURN],
         hard_iron_gauss=add(before.hard_iron_gauss, part(x, HARD_IRON)),
@@ -318,7 +316,7 @@ def apply_corrections(now: Prediction, x: Array) -> Prediction:
         filter_error_m_s=add(before.filter_error_m_s, part(x, FILTER_ERROR)),
     )
     force = subtract(rotate(turn, now.force_ned_m_s2), rotate(q, change))
-    return Prediction(estimate, force, now.rate_rad_s, now.velocity_history, now.covariance)
+    return now._replace(estimate=estimate, force_ned_m_s2=force)
 
 
 @inlined
@@ -334,4 +332,6 @@ def prediction_at(state: AidingState, P: Array, velocity_history: Array) -> Pred
 def correct_last(state: AidingState, now: Prediction, x: Array) -> AidingState:
     """The state at the last sample with the corrections x to :func:`prediction_at`."""
     learnt = apply_corrections(now, x)
-    return with_last(state, learnt.estimate, with_force(state.last, learnt.force_ned_m_s2))
+    return state._replace(
+        estimate=learnt.estimate, last=state.last._replace(force_ned_m_s2=learnt.force_ned_m_s2)
+    )

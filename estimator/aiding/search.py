@@ -17,7 +17,7 @@ import numpy as np
 from estimator.aiding.beginning import BEGIN_VELOCITY_SIGMA_M_S
 from estimator.aiding.course import STANDING, Rolled, fade_rolled, roll_on
 from estimator.aiding.types import Array, Report
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
@@ -42,9 +42,6 @@ class Window(NamedTuple):
     time_s: float = 0.0  # since the window began
     velocity_ned_m_s: Vec3 = ZERO_VEC3  # by the report that opened it
     is_open: bool = False  # until the first report
-
-
-with_sample = replacer(Window, "pushed_m_s", "force_m_s2", "time_s")
 
 
 class Evidence(NamedTuple):
@@ -97,7 +94,7 @@ def add_sample(
 def extend_window(window: Window, force_g: Vec3, dt: float) -> Window:
     """The window one sample longer, whose specific force is given in G."""
     pushed = add(window.pushed_m_s, scale(0.5 * dt, add(force_g, window.force_m_s2)))
-    return with_sample(window, pushed, force_g, window.time_s + dt)
+    return window._replace(pushed_m_s=pushed, force_m_s2=force_g, time_s=window.time_s + dt)
 
 
 @inlined

@@ -12,7 +12,6 @@ import numpy as np
 from estimator.aiding.acceleration_tilt import (
     acceleration_tilt_angle,
     watch_acceleration_tilt,
-    with_latest,
 )
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
 from estimator.aiding.gyroscope_fault import track_errors, watch_gyroscope
@@ -26,7 +25,7 @@ from estimator.aiding.inertial import (
     prediction_at,
     watch_knocks,
 )
-from estimator.aiding.sources.field import begin_anew, forget_iron, observe_heading, with_wait
+from estimator.aiding.sources.field import begin_anew, forget_iron, observe_heading
 from estimator.aiding.sources.unaided import observe_down, observe_unaided
 from estimator.aiding.sources.velocity import take_report, wait_for_reports
 from estimator.aiding.sources.wheels import (
@@ -34,7 +33,6 @@ from estimator.aiding.sources.wheels import (
     judge_north,
     observe_wheels,
     rolls,
-    with_shown,
 )
 from estimator.aiding.types import (
     SIZE,
@@ -52,15 +50,12 @@ from estimator.aiding.types import (
 )
 from estimator.aiding.uncertainty import sigmas
 from estimator.aiding.unseen import watch_turning
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ACCELERATION_LASTS_S, CONFIRM_S, SPAN_S
 from estimator.conditioning.rate import slow_share
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import norm, rotate_inverse, scale, unit
 from estimator.types import STANDARD_GRAVITY_M_S2, Sample, Vec3
-
-with_north = replacer(StepInputs, "north")
-with_report = replacer(AidingState, "agreement", "acceleration_tilt", "correction_cusum")
 
 
 @inlined
@@ -114,7 +109,7 @@ def aid(
     )
     acceleration_tilt = watch_acceleration_tilt(state.acceleration_tilt, now.force_ned_m_s2, dt)
     if report.given:
-        acceleration_tilt = with_latest(acceleration_tilt, report.velocity_ned_m_s)
+        acceleration_tilt = acceleration_tilt._replace(latest_m_s=report.velocity_ned_m_s)
     state = AidingState(
         estimate=now.estimate,
         last=last,
@@ -177,11 +172,11 @@ def observe_field_and_wheels(
 ) -> tuple[FieldState, Wheels]:
     """Learn from the sample's field, and from the vehicle's rolling if it has wheels."""
     dt, north, wheels = sample.dt_s, others.north, state.wheels
-    field = with_wait(state.field, state.field.wait_s + dt)
+    field = state.field._replace(wait_s=state.field.wait_s + dt)
     if rolls(params):
         if field.samples > 0.0:
             wheels = judge_north(wheels, now, north)
-        others = with_north(others, North(north.is_known and wheels.show_north, north.direction))
+        others = others._replace(north=North(north.is_known and wheels.show_north, north.direction))
     if sample.has_mag:
         field = observe_heading(params, field, now, others, sample, x)
     if rolls(params):
@@ -190,7 +185,7 @@ def observe_field_and_wheels(
         is_other = north.is_known and has_rolled and is_turned(now, north)
         if is_other or field.far_off_s > CONFIRM_S:
             # velocity shows the heading, so the field is another one, and iron was learnt in error
-            field, wheels = begin_anew(field), with_shown(wheels, False)
+            field, wheels = begin_anew(field), wheels._replace(show_north=False)
             forget_iron(params, now.covariance, x, now.estimate.hard_iron_gauss)
     return field, wheels
 
@@ -208,10 +203,10 @@ def take_late_report(
     now = prediction_at(state, P, velocity_history)
     x = np.zeros(SIZE)
     agreement = take_report(params, state.agreement, now, state.last.dt_s, report, gravity_b, x)
-    acceleration_tilt = with_latest(state.acceleration_tilt, report.velocity_ned_m_s)
+    acceleration_tilt = state.acceleration_tilt._replace(latest_m_s=report.velocity_ned_m_s)
     correction_cusum = add_correction(
         state.correction_cusum, part(x, TURN), known(P), known(now.covariance)
     )
-    return with_report(
-        correct_last(state, now, x), agreement, acceleration_tilt, correction_cusum
+    return correct_last(state, now, x)._replace(
+        agreement=agreement, acceleration_tilt=acceleration_tilt, correction_cusum=correction_cusum
     ), now.covariance

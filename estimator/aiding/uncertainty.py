@@ -101,7 +101,7 @@ def with_dip_error(
     iron = REACH**2 * P[HARD_IRON, HARD_IRON] / (n * n)
     square = max(0.0, off_dip * off_dip - params.field_dip_scale_rad**2 - iron)
     square /= robust_factor((off_norm / NORM_SCALE) ** 2)
-    return Sigmas(hypot(sigma.inclination_rad, sqrt(square)), sigma.heading_rad)
+    return sigma._replace(inclination_rad=hypot(sigma.inclination_rad, sqrt(square)))
 
 
 @inlined

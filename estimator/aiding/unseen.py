@@ -98,9 +98,8 @@ def watch_roughness(
 ) -> Roughness:
     """The roughness after one more reading."""
     share = dt / (LATELY_S + dt)
-    return Roughness(
+    return rough._replace(
         second_difference=rough.second_difference
         + share * (dot(second_difference, second_difference) - rough.second_difference),
         changed=rough.changed + share * (dot(change, change) - rough.changed),
-        knocked=rough.knocked,
     )

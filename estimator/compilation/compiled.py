@@ -3,7 +3,7 @@
 import functools
 import os
 from collections.abc import Callable
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numba
 
@@ -14,6 +14,7 @@ os.environ.setdefault("NUMBA_CPU_NAME", "generic")
 from numba.core import caching, event
 from numba.extending import register_jitable
 
+import estimator.compilation.replace_fields  # noqa: F401 - kernels need it
 from estimator.compilation.kernel_folder import (
     KernelFolder,
     KernelLocator,
@@ -22,7 +23,6 @@ from estimator.compilation.kernel_folder import (
 )
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-Value = TypeVar("Value", bound=NamedTuple)
 Types = Callable[[], tuple[Any, ...]]  # numba's, of a call's arguments
 
 _numba_config: Any = numba.config  # numba ships no types
@@ -71,26 +71,6 @@ def inlined(function: Function) -> Function:
 def shared(function: Function) -> Function:
     """A part of compiled functions that is large and called from several places of one."""
     return register_jitable(**{**OPTIONS, "forceinline": False})(function)
-
-
-def replacer(kind: type[Value], *names: str) -> Callable[..., Value]:
-    """A function of a ``kind`` and new values of the fields ``names``, which returns the new value.
-
-    ``replacer(State, "bias", "age_s")(state, bias, age_s)`` is ``state._replace(bias=bias,
-    age_s=age_s)``, which numba does not know. It sees a call that names all fields in order.
-
-    Raises:
-        ValueError: ``kind`` has no such field, or it is named twice.
-    """
-    fields: tuple[str, ...] = kind._fields
-    strangers = [name for name in names if name not in fields]
-    if strangers or len(set(names)) < len(names):
-        raise ValueError(f"{kind.__name__} has the fields {fields}, once each, not {names}")
-    values = ", ".join(name if name in names else f"before.{name}" for name in fields)
-    source = f"def replace(before, {', '.join(names)}): return kind({values})"
-    made: dict[str, Any] = {"kind": kind, "__name__": __name__}
-    exec(source, made)  # noqa: S102 - the text is made of a type's field names
-    return inlined(made["replace"])  # type: ignore[no-any-return]
 
 
 def is_compiled_code() -> bool:

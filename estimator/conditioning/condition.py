@@ -4,11 +4,11 @@ from math import cos, sin
 from typing import Any, NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.step import learn_events
 from estimator.conditioning.field.calibration import Calibration, correct_field
 from estimator.conditioning.field.step import learn_field
-from estimator.conditioning.gather import STEP_S, Gathered, gather, means, start_again, with_frame
+from estimator.conditioning.gather import STEP_S, Gathered, gather, means, start_again
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.rate import (
     at_interval_end,
@@ -55,9 +55,6 @@ class Conditioned(NamedTuple):
     sigma_heading_rad: float = 0.0  # likewise; infinite without a heading
 
 
-with_vertical = replacer(ConditioningState, "vertical")
-
-
 @inlined
 def condition(handle: Any, sample: Sample) -> Conditioned:
     """Take one sample, of which the field may be in any unit.
@@ -83,7 +80,7 @@ def condition(handle: Any, sample: Sample) -> Conditioned:
     if is_first:
         before = handle.conditioning.vertical
         begun = begin_vertical(before, handle.gathered.q_g_frd, at_end.gyr_rad_s, at_end.acc_m_s2)
-        handle.conditioning = with_vertical(handle.conditioning, begun)
+        handle.conditioning = handle.conditioning._replace(vertical=begun)
     if is_first or handle.gathered.time_s >= STEP_S:
         vertical = handle.conditioning.vertical
         handle.conditioning = learn(params, handle.conditioning, handle.gathered, sample.between)
@@ -105,7 +102,7 @@ def carry(gathered: Gathered, turn: Quaternion, gyr: Vec3, dt_s: float) -> Gathe
     """The body turned in G, as the gyroscope reads it."""
     q_g_frd = normalize(multiply(gathered.q_g_frd, turn))
     clipping = watch_clipping(gathered.clipping, gathered.gyr_rad_s, gyr, dt_s)
-    return with_frame(gathered, q_g_frd, gyr, clipping)
+    return gathered._replace(q_g_frd=q_g_frd, gyr_rad_s=gyr, clipping=clipping)
 
 
 @inlined
@@ -125,7 +122,7 @@ def at_step_end(
             mag = at_interval_end(mag, gyr, dt_s)
     if sample.has_mag:
         mag = correct_field(mag, rate, learnt)
-    return Sample(gyr, acc, mag, sample.has_mag, dt_s, sample.between)
+    return sample._replace(gyr_rad_s=gyr, acc_m_s2=acc, mag=mag, dt_s=dt_s)
 
 
 @inlined

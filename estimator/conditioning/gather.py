@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.rate import Clipping
 from estimator.geometry.axes import FrameAxes, to_frame
 from estimator.geometry.quaternion import add, scale
@@ -28,9 +28,6 @@ class Gathered(NamedTuple):
 
 NOTHING = Gathered()  # before the first sample
 
-with_sums = replacer(Gathered, "time_s", "gyr", "acc", "gravity_g", "field_g", "field_s")
-with_frame = replacer(Gathered, "q_g_frd", "gyr_rad_s", "clipping")
-
 
 @inlined
 def gather(sums: Gathered, axes_g: FrameAxes, sample: Sample) -> Gathered:
@@ -41,14 +38,13 @@ def gather(sums: Gathered, axes_g: FrameAxes, sample: Sample) -> Gathered:
     if sample.has_mag:
         field_g = add(field_g, scale(dt_s, to_frame(axes_g, sample.mag)))
         field_s += dt_s
-    return with_sums(
-        sums,
-        sums.time_s + dt_s,
-        add(sums.gyr, scale(dt_s, gyr)),
-        add(sums.acc, scale(dt_s, acc)),
-        add(sums.gravity_g, scale(-dt_s, to_frame(axes_g, acc))),
-        field_g,
-        field_s,
+    return sums._replace(
+        time_s=sums.time_s + dt_s,
+        gyr=add(sums.gyr, scale(dt_s, gyr)),
+        acc=add(sums.acc, scale(dt_s, acc)),
+        gravity_g=add(sums.gravity_g, scale(-dt_s, to_frame(axes_g, acc))),
+        field_g=field_g,
+        field_s=field_s,
     )
 
 
@@ -57,20 +53,16 @@ def means(sums: Gathered) -> Gathered:
     """The sums over their times."""
     a = 1.0 / sums.time_s
     b = 1.0 / sums.field_s if sums.field_s > 0.0 else 0.0
-    return with_sums(
-        sums,
-        sums.time_s,
-        scale(a, sums.gyr),
-        scale(a, sums.acc),
-        scale(a, sums.gravity_g),
-        scale(b, sums.field_g),
-        sums.field_s,
+    return sums._replace(
+        gyr=scale(a, sums.gyr),
+        acc=scale(a, sums.acc),
+        gravity_g=scale(a, sums.gravity_g),
+        field_g=scale(b, sums.field_g),
     )
 
 
 @inlined
 def start_again(sums: Gathered) -> Gathered:
     """The same frame and gyroscope, with nothing summed."""
-    before = sums.clipping
-    clipping = Clipping(before.peak_rad_s, before.run_s, ZERO_VEC3)
-    return with_frame(NOTHING, sums.q_g_frd, sums.gyr_rad_s, clipping)
+    clipping = sums.clipping._replace(aliasing=ZERO_VEC3)
+    return NOTHING._replace(q_g_frd=sums.q_g_frd, gyr_rad_s=sums.gyr_rad_s, clipping=clipping)

@@ -8,7 +8,7 @@ from math import expm1, sqrt
 import numpy as np
 
 from estimator.arrays import Floats
-from estimator.compilation.compiled import compiled, inlined, replacer, types_of
+from estimator.compilation.compiled import compiled, inlined, types_of
 from estimator.filter.fuzzy import operating_gain
 from estimator.filter.noise_gain import (
     confirmed_error,
@@ -41,8 +41,6 @@ from estimator.geometry.quaternion import (
     subtract,
 )
 from estimator.types import ZERO_VEC3, Quaternion, Sample, Vec3
-
-with_motion = replacer(FilterState, "q_ned_frd", "gyr_bias_rad_s", "rate_rad_s")
 
 
 @inlined
@@ -164,7 +162,7 @@ def turn_on(
 ) -> FilterState:
     """The attitude turned on by what a rate has turned the body; rate and bias only recorded."""
     q = normalize(multiply(state.q_ned_frd, turn))
-    return with_motion(state, q, gyr_bias_rad_s, rate_rad_s)
+    return state._replace(q_ned_frd=q, gyr_bias_rad_s=gyr_bias_rad_s, rate_rad_s=rate_rad_s)
 
 
 @compiled()

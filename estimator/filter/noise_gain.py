@@ -27,7 +27,7 @@ filter's does, dK/dt = kappa (K_rest^2 - K^2): first the estimate is as noisy as
 from math import log, sqrt
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.filter.fuzzy import RULES
 from estimator.geometry.quaternion import add, cross, dot, scale, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
@@ -83,8 +83,6 @@ class NoiseState(NamedTuple):
 
 
 NO_NOISE = NoiseState(ZERO_VEC3, False, ZERO_VEC3, False, ZERO_VEC3, 0.0, 0.0, 0.0, 0.0)
-with_floor = replacer(NoiseState, "error_floor")
-with_errors = replacer(NoiseState, "errors")
 
 
 @inlined
@@ -95,7 +93,7 @@ def confirmed_error(
     e1 = vector_error(v1, u1) if s1 > 0.0 else noise.errors[0]
     e2 = vector_error(v2, u2) if s2 > 0.0 else noise.errors[1]
     e = s1 * min(e1, noise.errors[0]) + s2 * min(e2, noise.errors[1])
-    return with_errors(noise, (e1, e2)), e / (s1 + s2) if s1 + s2 > 0.0 else 0.0
+    return noise._replace(errors=(e1, e2)), e / (s1 + s2) if s1 + s2 > 0.0 else 0.0
 
 
 @inlined
@@ -140,7 +138,7 @@ def observe_floor(noise: NoiseState, error: float, dt: float) -> NoiseState:
     least = 0.5 * max(noise.vector_variance, LEAST_VARIANCE)
     floor = max(noise.error_floor, least)
     floor += dt / (FLOOR_TIME_S + dt) * (min(error, FLOOR_CAP * floor) - floor)
-    return with_floor(noise, max(floor, least))
+    return noise._replace(error_floor=max(floor, least))
 
 
 @inlined

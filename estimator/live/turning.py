@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.rate import integration_rate
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.quaternion import add, exp, log, multiply, norm, scale, subtract
@@ -70,9 +70,6 @@ class Turning(NamedTuple):
 
 
 STILL = Turning()  # before any rate
-with_passed = replacer(Turning, "before_us", "before_rad_s", "last_gyr_rad_s", "used")
-with_compared = replacer(Turning, "offset_rad_s", "misfit", "turning", "compared_s")
-with_stands_in = replacer(Turning, "stands_in")
 
 
 @inlined
@@ -128,7 +125,13 @@ def take_between(
     if passed > 0:
         before_us, before = rate_at(rates, passed - 1)
     used = state.used + (1 if shown.given else 0)
-    return with_passed(state, before_us, before, gyr_rad_s, used), rates[passed:].copy(), shown
+    return (
+        state._replace(
+            before_us=before_us, before_rad_s=before, last_gyr_rad_s=gyr_rad_s, used=used
+        ),
+        rates[passed:].copy(),
+        shown,
+    )
 
 
 @inlined
@@ -200,7 +203,9 @@ def compared(
     misfit = approach(state.misfit, (x * x, y * y, z * z), a)
     x, y, z = gyr_rad_s
     turning = approach(state.turning, (x * x, y * y, z * z), a)
-    return with_compared(state, offset, misfit, turning, state.compared_s + step_s)
+    return state._replace(
+        offset_rad_s=offset, misfit=misfit, turning=turning, compared_s=state.compared_s + step_s
+    )
 
 
 @inlined
@@ -218,14 +223,14 @@ def stand_in(
     axes = (x, y, z)
     is_any, is_all = x or y or z, x and y and z
     if is_old or not is_any or is_all or not agrees(state, axes):
-        return with_stands_in(state, NO_AXES), gyr_rad_s
+        return state._replace(stands_in=NO_AXES), gyr_rad_s
     there = add(state.before_rad_s, state.offset_rad_s)
     gyr = (
         there[0] if x else gyr_rad_s[0],
         there[1] if y else gyr_rad_s[1],
         there[2] if z else gyr_rad_s[2],
     )
-    return with_stands_in(state, axes), gyr
+    return state._replace(stands_in=axes), gyr
 
 
 @inlined

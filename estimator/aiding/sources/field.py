@@ -21,7 +21,7 @@ from estimator.aiding.types import (
     StepInputs,
 )
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import (
     MOST_DISTORTION,
     NORM_SCALE,
@@ -36,16 +36,11 @@ from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
 from estimator.types import ZERO_VEC3, Sample, Vec2, Vec3
 
-with_wait = replacer(FieldState, "wait_s")
-with_look = replacer(FieldState, "look", "samples", "wait_s")
-with_evidence = replacer(FieldState, "evidence")
-with_off = replacer(FieldState, "off_rad", "far_off_s")
-
 
 @inlined
 def begin_anew(state: FieldState) -> FieldState:
     """The place's field is what the next sample shows; what was learnt of it is void."""
-    return with_off(with_look(state, state.look, 0.0, state.wait_s), state.off_rad, 0.0)
+    return state._replace(samples=0.0, far_off_s=0.0)
 
 
 @inlined
@@ -62,7 +57,7 @@ def judge_field(
     unsure = sqrt(variance) / sqrt(place[0] * place[0] + place[1] * place[1])
     norm_scale, dip_scale = NORM_SCALE + unsure, params.field_dip_scale_rad + unsure
     look = look_at_field(state.look, horizontal_down(seen), share, place, norm_scale, dip_scale)
-    return with_look(state, look, state.samples + 1.0, 0.0)
+    return state._replace(look=look, samples=state.samples + 1.0, wait_s=0.0)
 
 
 @inlined
@@ -129,8 +124,8 @@ def compare_with_place(
     wait, most = min(state.wait_s, 1.0), REACH**2 * (NORM_SCALE * n) ** 2
     better = min(most, off_square(seen, learnt)) - min(most, off_square(as_read, place))
     keep = CONFIRM_S / (CONFIRM_S + wait)
-    return with_evidence(
-        state, keep * (state.evidence + wait * better / (params.heading_noise * n) ** 2)
+    return state._replace(
+        evidence=keep * (state.evidence + wait * better / (params.heading_noise * n) ** 2)
     )
 
 
@@ -336,4 +331,4 @@ def update_off(field: FieldState, off: float, far: bool, wait: float) -> FieldSt
     far_off_s = max(0.0, field.far_off_s - wait)
     if far:  # one that does not look as usual shows nothing about the attitude
         far_off_s = field.far_off_s + wait * field.look.confidence
-    return with_off(field, off_rad, far_off_s)
+    return field._replace(off_rad=off_rad, far_off_s=far_off_s)

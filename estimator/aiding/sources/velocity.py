@@ -25,7 +25,7 @@ from estimator.aiding.types import (
     Scatter,
 )
 from estimator.aiding.velocity_history import look_back
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import CONFIRM_S, LONG_S, LONGEST_STEP_S, SPAN_S, USUAL_S
 from estimator.conditioning.robust import FAR, REACH
 from estimator.geometry.quaternion import rotate, scale, subtract
@@ -42,10 +42,6 @@ SCALE_REPORTS = 100.0
 LEAST_RECEIVER_SCALE = 0.1
 
 
-with_inflation = replacer(Scatter, "innovation", "reports")
-with_latest = replacer(Scatter, "latest")
-
-
 @inlined
 def wait_for_reports(agreement: Agreements, dt: float) -> Agreements:
     """The agreements ``dt`` later, without a report since."""
@@ -60,7 +56,7 @@ def wait_longer(agreement: Agreement, dt: float) -> Agreement:
     """
     scatter = agreement.scatter
     if dt > SPAN_S:
-        scatter = with_inflation(scatter, 1.0, min(scatter.reports, 1.0))
+        scatter = scatter._replace(innovation=1.0, reports=min(scatter.reports, 1.0))
     return Agreement(scatter, agreement.wait_s + dt, agreement.far_off_s)
 
 
@@ -123,7 +119,7 @@ def take_report(
             far = True
         learn(P, x, h, off, noise)
     far_off_s = own.far_off_s + wait if far else max(0.0, own.far_off_s - wait)
-    own = Agreement(with_latest(scatter, (units[0], units[1], units[2])), 0.0, far_off_s)
+    own = Agreement(scatter._replace(latest=(units[0], units[1], units[2])), 0.0, far_off_s)
     return Agreements(by_filter, own) if is_receiver else Agreements(own, by_receiver)
 
 

@@ -9,13 +9,11 @@ from estimator.aiding.inertial import Prediction
 from estimator.aiding.sources.velocity import SCALE_REPORTS
 from estimator.aiding.types import EARTH, SIZE, TURN, VELOCITY, AidingParams, Array, North, Wheels
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S
 from estimator.conditioning.robust import FAR, REACH
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import cross, dot, norm, rotate_inverse
-
-with_shown = replacer(Wheels, "show_north")
 
 # How far ahead of the axle that does not steer the IMU may sit, m: there a turn is a slip.
 ARM_M = 1.0
@@ -76,7 +74,7 @@ def judge_north(wheels: Wheels, now: Prediction, north: North) -> Wheels:
     if not north.is_known:
         return wheels
     shown = field_variance(now) <= REACH**2 * LEAST_OFF_RAD**2 and not is_turned(now, north)
-    return with_shown(wheels, shown)
+    return wheels._replace(show_north=shown)
 
 
 @inlined

@@ -13,7 +13,7 @@ from math import exp, pi
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.params import LATELY_S, LONG_S, QUICK_S, SPAN_S
@@ -71,24 +71,6 @@ class Suspect(NamedTuple):
     fixed_ratio: float  # the same, were it known to go along with no turn: never below ``ratio``
 
 
-with_means = replacer(AxisSigns, "slow", "slower", "age_s")
-with_judged = replacer(
-    AxisSigns,
-    "moves",
-    "turns",
-    "by_noise",
-    "squares",
-    "since_s",
-    "errors",
-    "fixed_since_s",
-    "fixed_errors",
-)
-with_motion = replacer(
-    AxisSigns, "turned", "unseen", "squares", "since_s", "errors", "fixed_since_s", "fixed_errors"
-)
-with_leap = replacer(AxisSigns, "slow", "slower", "moves", "turns", "age_s")
-
-
 @inlined
 def carry_axes(state: AxisSigns, vertical: VerticalStep, dt_s: float) -> AxisSigns:
     """One learning step of the gyroscope, with or without a field."""
@@ -97,15 +79,14 @@ def carry_axes(state: AxisSigns, vertical: VerticalStep, dt_s: float) -> AxisSig
     turned = scale(keep, add(state.turned, turn_g))
     unseen = keep * keep * state.unseen + vertical.aliasing
     fade = LATELY_S / (LATELY_S + dt_s)
-    return with_motion(
-        state,
-        turned,
-        unseen,
-        scale(fade, state.squares),
-        min(state.since_s + dt_s, LATELY_S),
-        scale(fade, state.errors),
-        min(state.fixed_since_s + dt_s, LATELY_S),
-        scale(fade, state.fixed_errors),
+    return state._replace(
+        turned=turned,
+        unseen=unseen,
+        squares=scale(fade, state.squares),
+        since_s=min(state.since_s + dt_s, LATELY_S),
+        errors=scale(fade, state.errors),
+        fixed_since_s=min(state.fixed_since_s + dt_s, LATELY_S),
+        fixed_errors=scale(fade, state.fixed_errors),
     )
 
 
@@ -128,12 +109,14 @@ def watch_axes(
     axes = axes_of(vertical.q_g_frd)
     y = unit(jump.quick)
     if jump.since_leap_s < QUICK_S:
-        return with_leap(state, y, y, UNPROVEN_S, UNPROVEN_S, dt_s)
+        return state._replace(slow=y, slower=y, moves=UNPROVEN_S, turns=UNPROVEN_S, age_s=dt_s)
     age_s = min(state.age_s + dt_s, LONG_S)
     share = max(dt_s / (SPAN_S + dt_s), dt_s / age_s)
     slower_share = max(vertical.state.coefficients.gravity_share, dt_s / age_s)
     slow = approach(state.slow, y, share)
-    state = with_means(state, slow, approach(state.slower, slow, slower_share), age_s)
+    state = state._replace(
+        slow=slow, slower=approach(state.slower, slow, slower_share), age_s=age_s
+    )
     along = jump.quick_norm / usual_norm - 1.0
     span_s, bias = min(SPAN_S, age_s), vertical.state.estimate.covariance
     noise = LEAST_DIRECTION_RAD**2 + along * along + state.unseen
@@ -245,24 +228,22 @@ def judge(
     keep = LONG_S / (LONG_S + dt_s)
     moves = min(square(field.moved), 2.0 * variance) - field.by_noise
     turns = max(1e-12, keep * (state.turns + dt_s * square(state.turned)))
-    return with_judged(
-        state,
-        # a field goes along by twice the turn at most
-        min(keep * (state.moves + dt_s * max(0.0, moves)), 4.0 * turns),
-        turns,
-        max(1.0, state.by_noise * (1.0 + learn * quiet)),
-        squares,
-        since_s,
-        errors,
-        fixed_since_s,
-        fixed_errors,
+    return state._replace(
+        moves=min(keep * (state.moves + dt_s * max(0.0, moves)), 4.0 * turns),
+        turns=turns,
+        by_noise=max(1.0, state.by_noise * (1.0 + learn * quiet)),
+        squares=squares,
+        since_s=since_s,
+        errors=errors,
+        fixed_since_s=fixed_since_s,
+        fixed_errors=fixed_errors,
     )
 
 
 @inlined
 def if_fixed(case: Suspect) -> Suspect:
     """The case, were the field known to go along with no turn."""
-    return Suspect(case.rate_rad_s, case.by_force, case.fixed_ratio, case.fixed_ratio)
+    return case._replace(ratio=case.fixed_ratio)
 
 
 @inlined

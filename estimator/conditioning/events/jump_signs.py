@@ -4,7 +4,7 @@ from math import sqrt
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import MOST_DISTORTION
 from estimator.conditioning.params import LATELY_S, LONG_S, QUICK_S, ConditioningParams
@@ -41,9 +41,6 @@ class JumpSigns(NamedTuple):
     unseen: float = 0.0  # variance of turns missed between samples lately, rad^2
     seen_rad: float = 0.0  # largest angle of the jump that has counted; pi: it is a magnet's
     age_s: float = 0.0  # since the first field
-
-
-with_seen = replacer(JumpSigns, "seen_rad")
 
 
 @inlined
@@ -86,7 +83,7 @@ def watch_field(
     least += 4.0 * turning_lately * dt_s**2
     leaps = moves_rad > state.moves_rad + sqrt(least)
     scatter = min(moves_rad**2, MOST_USUAL**2 * (state.scatter + LEAST_DIRECTION_RAD**2))
-    return JumpSigns(
+    return state._replace(
         quick=quick,
         slow=slow,
         quick_norm=quick_norm,
@@ -100,7 +97,6 @@ def watch_field(
         usual_turning=state.usual_turning + c * (turning - state.usual_turning),
         turning=turning_lately,
         unseen=(1.0 - b) * state.unseen + unseen,
-        seen_rad=state.seen_rad,
         age_s=min(state.age_s + dt_s, 1e6),
     )
 

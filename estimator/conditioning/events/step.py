@@ -8,7 +8,7 @@ from math import asin, atan2, pi, sin, sqrt
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.axis_signs import AxisSigns, carry_axes, watch_axes
 from estimator.conditioning.events.jump_signs import (
     JUMP_SHARE,
@@ -17,7 +17,6 @@ from estimator.conditioning.events.jump_signs import (
     looks_turned,
     turn_of,
     watch_field,
-    with_seen,
 )
 from estimator.conditioning.events.turn_signs import (
     GravitySigns,
@@ -27,9 +26,8 @@ from estimator.conditioning.events.turn_signs import (
     likely,
     watch_gravity,
     watch_heading,
-    with_time,
 )
-from estimator.conditioning.field.calibration import Calibration, with_age
+from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import (
     DIP_SCALE_RAD,
     NORM_SCALE,
@@ -43,11 +41,10 @@ from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import LONGEST_STEP_S, SPAN_S, ConditioningParams
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.vertical.bias import Estimate, clip, inflate_heading
-from estimator.conditioning.vertical.gravity import GravityState, with_down
 from estimator.conditioning.vertical.lowpass import Smooth
 from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
-from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, weighing, with_variance
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, weighing
 from estimator.geometry.quaternion import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE, dot, norm
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec2, Vec3
 
@@ -63,10 +60,6 @@ class HeadingInflation(NamedTuple):
     norm_before: float = 0.0  # of the field before the turn, in its own unit
     confidence_before: float = 0.0  # likewise, averaged
     no_jump: float = 0.0  # the vertical's inflation that no jump of the field has added, rad^2
-
-
-with_usual = replacer(HeadingInflation, "variance", "usual_s")
-with_no_jump = replacer(HeadingInflation, "no_jump")
 
 
 class EventsState(NamedTuple):
@@ -90,7 +83,7 @@ def inflate_variance(
     """
     raised = min(inflation.variance + variance * (1.0 + steepness), HALF_TURN_VARIANCE)
     if inflation.variance > 0.0:
-        return with_usual(inflation, raised, 0.0)
+        return inflation._replace(variance=raised, usual_s=0.0)
     norm, confidence = signs.jump.slow_norm, signs.heading.mean_confidence
     return HeadingInflation(raised, 0.0, norm, confidence, inflation.no_jump)
 
@@ -136,12 +129,12 @@ def release_inflation(
     most = SCALE_ERROR + sqrt(field.reference.uneven)
     left, norm = inflation.variance, inflation.norm_before
     if left > 0.0 and abs(jump.quick_norm - norm) > most * norm:
-        return with_usual(inflation, 0.0, usual_s), inflation.no_jump, estimate, False
+        return inflation._replace(variance=0.0, usual_s=usual_s), inflation.no_jump, estimate, False
     if usual_s <= SPAN_S:
-        return with_usual(inflation, left, usual_s), tilt, estimate, False
+        return inflation._replace(variance=left, usual_s=usual_s), tilt, estimate, False
     if not is_sudden(jump.usual / JUMP_SHARE**2, left, steepness(field.reference), horizontal):
         left, tilt = 0.0, inflation.no_jump if left > 0.0 else tilt
-    inflation = with_usual(inflation, 0.0, usual_s)
+    inflation = inflation._replace(variance=0.0, usual_s=usual_s)
     return inflation, tilt, inflate_heading(estimate, left), left > 0.0
 
 
@@ -219,11 +212,6 @@ class EventsStep(NamedTuple):
     events: EventsState
 
 
-with_turn = replacer(VerticalState, "estimate", "gravity", "tilt", "inflation")
-with_estimate = replacer(VerticalState, "estimate")
-with_inflation = replacer(VerticalState, "estimate", "inflation")
-
-
 @inlined
 def follow_signs(
     params: ConditioningParams,
@@ -269,16 +257,16 @@ def react(
         inflation = HALF_TURN_VARIANCE
     elif proof.gravity:
         anew = Smooth(ZERO_VEC3, ZERO_VEC3)  # the low-pass of the force
-        force = with_down(gravity.force, anew, anew, ZERO_VEC3, 0.0)
-        gravity = GravityState(gravity.q_6d_g, force)
+        force = gravity.force._replace(down=anew, best=anew, quick=ZERO_VEC3, age_s=0.0)
+        gravity = gravity._replace(force=force)
     elif proof.force > 0.0:
         inflation = min(inflation + proof.force, HALF_TURN_VARIANCE)
     if proof.gravity:
-        tilt = with_variance(tilt, ANY_DIRECTION_VARIANCE)
+        tilt = tilt._replace(variance=ANY_DIRECTION_VARIANCE)
         estimate = inflate_heading(estimate, HALF_TURN_VARIANCE)
     elif proof.heading:
         estimate = inflate_heading(estimate, atan2(horizontal[1], horizontal[0]) ** 2)
-    return with_turn(before, estimate, gravity, tilt, inflation)
+    return before._replace(estimate=estimate, gravity=gravity, tilt=tilt, inflation=inflation)
 
 
 @inlined
@@ -296,14 +284,14 @@ def learn_events(
     was_inflated, released = inflation.variance > 0.0, False
     proof = proof_of(params, signs, calibration.learnt, reference_norm(magnetic))
     unsensed_turn = shown_together(before, signs, proof, mean, vertical.state.gravity.force.quick)
-    now = with_estimate(vertical.state, field.estimate)
+    now = vertical.state._replace(estimate=field.estimate)
     now = react(proof, now, field.horizontal, was_inflated)
     heading_rad, estimate, tilt = now.estimate.heading_rad, now.estimate, now.inflation
     # what a jump has added shrinks with the whole, at the latest
     others = (
         tilt if proof.gravity else min(inflation.no_jump + vertical.clipped + proof.force, tilt)
     )
-    inflation = with_no_jump(inflation, others)
+    inflation = inflation._replace(no_jump=others)
     if proof.jump > 0.0:
         inflation = inflate_variance(inflation, signs, proof.jump, steepness(magnetic.reference))
         # beside a magnet a turn is the less likely
@@ -319,18 +307,18 @@ def learn_events(
     turned = proof.heading or proof.gravity or proof.jump > 0.0
     turned = turned or (field.seen and looks_turned(params, jump))
     if turned or vertical.clipped > LEAST_OFF_RAD**2:
-        calibration = with_age(calibration, 0.0)  # its means are of the old attitude
+        calibration = calibration._replace(age_s=0.0)  # its means are of the old attitude
     # the signs that were proof enough start anew
     if proof.heading or released:
         heading = give_up(heading, heading_rad)
     elif proof.gravity:
         heading = begin_anew(heading)
     if proof.gravity:
-        gravity = with_time(gravity, 0.0)
+        gravity = gravity._replace(off_s=0.0)
     # where a magnet has jumped, the rest of that jump is its, too
-    jump = with_seen(jump, pi if is_magnets else proof.seen_rad)
+    jump = jump._replace(seen_rad=pi if is_magnets else proof.seen_rad)
     return EventsStep(
-        vertical=with_inflation(now, estimate, tilt),
+        vertical=now._replace(estimate=estimate, inflation=tilt),
         field=MagnetometerState(calibration, magnetic),
         events=EventsState(heading, gravity, jump, axes, inflation, unsensed_turn),
     )

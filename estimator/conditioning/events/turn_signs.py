@@ -8,7 +8,7 @@ from math import cos, pi, sqrt
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.jump_signs import MOST_USUAL
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import (
@@ -64,10 +64,6 @@ class HeadingSigns(NamedTuple):
     back_s: float = 0.0  # for how long the field has pointed there again
 
 
-with_means = replacer(HeadingSigns, "mean_north", "mean_east", "mean_confidence", "back_s")
-with_other = replacer(HeadingSigns, "confirmed_s", "other_rad", "other_s")
-
-
 @inlined
 def watch_heading(
     params: ConditioningParams,
@@ -100,13 +96,12 @@ def watch_heading(
         confirmed_s = min(confirmed_s, SPAN_S)
     back = is_back(params, state, estimate, field, horizontal)
     b = dt_s / (USUAL_S + dt_s) if estimate.covariance[9] < SETTLED_HEADING_RAD**2 else 0.0
-    return HeadingSigns(
+    return state._replace(
         mean_north=n,
         mean_east=e,
         mean_confidence=w,
         scatter=state.scatter + b * (away * away - state.scatter),
         confirmed_s=confirmed_s,
-        other_rad=state.other_rad,
         other_s=max(0.0, state.other_s - dt_s),
         back_s=duration_s(known and back, state.back_s, dt_s),
     )
@@ -162,7 +157,7 @@ def confirmed_time_s(
 @inlined
 def begin_anew(state: HeadingSigns) -> HeadingSigns:
     """The signs after a turn was found: means and times start at nothing."""
-    return with_means(state, 0.0, 0.0, 0.0, 0.0)
+    return state._replace(mean_north=0.0, mean_east=0.0, mean_confidence=0.0, back_s=0.0)
 
 
 @inlined
@@ -173,7 +168,7 @@ def give_up(state: HeadingSigns, heading_rad: float) -> HeadingSigns:
     """
     is_same = state.other_s > LONG_S - LATELY_S
     other_rad = state.other_rad if is_same else heading_rad
-    return with_other(begin_anew(state), SPAN_S, other_rad, LONG_S)
+    return begin_anew(state)._replace(confirmed_s=SPAN_S, other_rad=other_rad, other_s=LONG_S)
 
 
 class GravitySigns(NamedTuple):
@@ -186,9 +181,6 @@ class GravitySigns(NamedTuple):
     force_scatter: float = PRIOR_VARIANCE  # mean square angle between quick and slow gravity, rad^2
     apart: float = 0.0  # mean square angle between published gravity and its long mean, rad^2
     uneven: float = 0.0  # mean square of how far the size of gravity is off, as a share
-
-
-with_time = replacer(GravitySigns, "off_s")
 
 
 @inlined

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import (
     ACCELERATION_LASTS_S,
     FORGET_S,
@@ -41,9 +41,6 @@ class CalibrationState(NamedTuple):
     means: CalibrationMeans = CalibrationMeans()  # high-passing takes them off
     age_s: float = 0.0  # of the means, up to ``ACCELERATION_LASTS_S``; 0: of another attitude
     scatter: float = 0.0  # mean square of what of the field's change no unknown explains
-
-
-with_age = replacer(CalibrationState, "age_s")
 
 
 def first_calibration(params: ConditioningParams) -> CalibrationState:

@@ -7,7 +7,7 @@ from math import sqrt
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import FIELD_S, USUAL_S, ConditioningParams
 from estimator.conditioning.robust import robust_factor
 from estimator.types import Vec2, Vec3
@@ -58,10 +58,6 @@ class MagneticState(NamedTuple):
     look: FieldLook = FieldLook()  # lately
     reference: FieldReference = FieldReference()  # usually
     wait_s: float = 0.0  # since the last sample of the field
-
-
-with_alternative = replacer(FieldReference, "horizontal", "down", "confirmed_s", "other", "is_new")
-with_wait = replacer(MagneticState, "wait_s")
 
 
 @inlined
@@ -148,7 +144,7 @@ def observe_field(
     if other.seen_s > confirmed_s:
         reference = accept_alternative(reference)
     if not params.use_confidence:
-        look = FieldLook(look.horizontal, look.down, 1.0)
+        look = look._replace(confidence=1.0)
     return MagneticState(look, reference, 0.0)
 
 
@@ -184,7 +180,7 @@ def watch_alternative(
     seen_s = min(other.seen_s + gain, most)
     is_third = alike + look.confidence < LEAST_ALIKE
     if is_third and seen_s > dt_s:
-        return AlternativeField(other.horizontal, other.down, seen_s - dt_s), confirmed_s
+        return other._replace(seen_s=seen_s - dt_s), confirmed_s
     if is_third or seen_s <= 0.0:
         return AlternativeField(look.horizontal, look.down, 0.0), confirmed_s
     share = alike * min(1.0, dt_s / (seen_s + dt_s))
@@ -200,7 +196,13 @@ def accept_alternative(reference: FieldReference) -> FieldReference:
     """The reference once the other field has lasted longer: the two fields change places."""
     other = reference.other
     given_up = AlternativeField(reference.horizontal, reference.down, reference.confirmed_s)
-    return with_alternative(reference, other.horizontal, other.down, other.seen_s, given_up, True)
+    return reference._replace(
+        horizontal=other.horizontal,
+        down=other.down,
+        confirmed_s=other.seen_s,
+        other=given_up,
+        is_new=True,
+    )
 
 
 @inlined

@@ -12,7 +12,6 @@ from estimator.conditioning.field.magnetic import (
     observe_field,
     reference_norm,
     steepness,
-    with_wait,
 )
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import MEMORY_S, SPAN_S, ConditioningParams
@@ -126,7 +125,7 @@ def learn_field(
     now, estimate = vertical.state, vertical.state.estimate
     since_s = before.magnetic.wait_s + mean.time_s
     if mean.field_s <= 0.0:
-        waiting = MagnetometerState(before.calibration, with_wait(before.magnetic, since_s))
+        waiting = before._replace(magnetic=before.magnetic._replace(wait_s=since_s))
         return FieldStep(waiting, estimate, False, horizontal, since_s)
     gravity, calibration = now.gravity, before.calibration
     field_6d = rotate(heading_frame(gravity, now.averaging.share), mean.field_g)

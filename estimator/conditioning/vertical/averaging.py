@@ -12,7 +12,7 @@ Source: Percival and Walden 2000, doi 10.1017/CBO9780511841040 (Haar's wavelets)
 from math import ceil, log2, sqrt
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import LONG_S, ConditioningParams
 from estimator.conditioning.rate import MOST_ERROR
 from estimator.geometry.quaternion import add, dot, scale, square
@@ -64,9 +64,6 @@ class Likely(NamedTuple):
 
 
 NOTHING_SEEN = Likely(apart=LEAST_VARIANCE, turning=0.0, accelerated=0.0)
-
-with_window = replacer(Averaging, "force", "turn", "time_s")
-with_result = replacer(Averaging, "factor", "variance", "share")
 
 
 @inlined
@@ -176,7 +173,7 @@ def follow_averaging(
     force, turn = add(state.force, scale(dt_s, force_g)), add(state.turn, scale(dt_s, rate_g))
     time_s = state.time_s + dt_s
     if time_s < WINDOW_S:
-        return with_window(state, force, turn, time_s)
+        return state._replace(force=force, turn=turn, time_s=time_s)
     windows, moved_s = state.windows + 1, min(state.moved_s + time_s, LONG_S)
     octaves = take_window(state.octaves, scale(1.0 / time_s, force), turn, windows, moved_s)
     now = Averaging(octaves, windows, moved_s, ZERO_VEC3, ZERO_VEC3, 0.0, 1.0, 0.0, 0.0)
@@ -184,7 +181,9 @@ def follow_averaging(
     ratio = (variance + LEAST_VARIANCE) / (own + LEAST_VARIANCE)
     share = max(0.0, 1.0 - ratio * ratio) if params.use_averaging else 0.0
     factor = max(TAU_SHARE * length_s, WINDOW_S) / params.gravity_tau_s
-    return with_result(now, factor if params.use_averaging else 1.0, variance, share)
+    return now._replace(
+        factor=factor if params.use_averaging else 1.0, variance=variance, share=share
+    )
 
 
 @inlined
@@ -192,4 +191,4 @@ def averaging_at_rest(params: ConditioningParams, state: Averaging, dt_s: float)
     """Nothing accelerates at rest: the profile's time is enough, and new force removes errors."""
     factor = min(state.factor, 1.0)
     share = min(1.0, dt_s / (factor * params.gravity_tau_s))
-    return with_result(state, factor, (1.0 - share) * state.variance, state.share)
+    return state._replace(factor=factor, variance=(1.0 - share) * state.variance, share=state.share)

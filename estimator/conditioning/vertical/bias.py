@@ -3,7 +3,7 @@
 from math import radians
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import FAR
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, smooth
@@ -62,9 +62,6 @@ class Lagged(NamedTuple):
     drift: Smooth = Smooth()  # (u . b, v . b, 0) with the bias b, rad/s
 
 
-with_covariance = replacer(Estimate, "covariance")
-
-
 def first_estimate(
     params: ConditioningParams, heading_rad: float = 0.0, variance: float = UNKNOWN_HEADING_VARIANCE
 ) -> Estimate:
@@ -78,7 +75,7 @@ def first_estimate(
 def inflate_heading(estimate: Estimate, variance: float) -> Estimate:
     """Raise the heading's variance (rad^2), so that the next residuals correct it."""
     p = estimate.covariance
-    return with_covariance(estimate, (*p[:9], p[9] + variance))
+    return estimate._replace(covariance=(*p[:9], p[9] + variance))
 
 
 @inlined
@@ -133,7 +130,7 @@ def predict(
     p00 += k.bias_growth if p00 < most else 0.0
     p11 += k.bias_growth if p11 < most else 0.0
     p22 += k.bias_growth if p22 < most else 0.0
-    return with_covariance(estimate, (p00, p01, p02, p03, p11, p12, p13, p22, p23, p33))
+    return estimate._replace(covariance=(p00, p01, p02, p03, p11, p12, p13, p22, p23, p33))
 
 
 @inlined

@@ -6,7 +6,7 @@ the earth. 6D is G made level by the correction C, with an arbitrary heading.
 
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import SPAN_S, USUAL_S, ConditioningParams
 from estimator.conditioning.rate import FAST_STEP_S
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, smooth
@@ -44,11 +44,6 @@ class GravityState(NamedTuple):
 
     q_6d_g: Quaternion = IDENTITY  # C, G to 6D
     force: Force = Force()  # in G
-
-
-with_age = replacer(Force, "age_s")
-with_down = replacer(Force, "down", "best", "quick", "age_s")
-with_held = replacer(Force, "down", "best")
 
 
 @inlined
@@ -114,7 +109,7 @@ def age_after_hole(
         return state
     before_s = state.force.age_s
     age_s = min(before_s, interval_s / max(share, interval_s / before_s))
-    return GravityState(state.q_6d_g, with_age(state.force, age_s))
+    return state._replace(force=state.force._replace(age_s=age_s))
 
 
 @inlined
@@ -132,7 +127,7 @@ def level_to(q_6d_g: Quaternion, down_g: Vec3) -> tuple[Quaternion, Vec2]:
 def level(state: GravityState) -> tuple[GravityState, Vec2]:
     """Frame 6D levelled by the low-passed force, and the step about north and east."""
     q, step = level_to(state.q_6d_g, state.force.down.value)
-    return GravityState(q, state.force), step
+    return state._replace(q_6d_g=q), step
 
 
 @inlined

@@ -17,7 +17,7 @@ about either axis across it.
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import LATELY_S, LONG_S, USUAL_S
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.quaternion import (
@@ -48,9 +48,6 @@ class SlowAcceleration(NamedTuple):
     along: float = 1.0  # mean force along the vertical over ``LATELY_S``, as a share of gravity
     size: float = 1.0  # of the last force, as a share of gravity
     seen_s: float = 0.0  # for how long the vehicle has been watched
-
-
-with_seen_s = replacer(SlowAcceleration, "seen_s")
 
 
 @inlined

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.rate import aliased_turn
@@ -21,7 +21,6 @@ from estimator.conditioning.vertical.gravity import (
     level,
     long_share,
     observe_gravity,
-    with_held,
 )
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, coefficients
 from estimator.conditioning.vertical.slow_acceleration import (
@@ -32,7 +31,6 @@ from estimator.conditioning.vertical.slow_acceleration import (
     mean_tilt_variance,
     slow_variance,
     watch_slow,
-    with_seen_s,
 )
 from estimator.conditioning.vertical.stillness import (
     RestState,
@@ -51,8 +49,6 @@ from estimator.conditioning.vertical.tilt import (
     step_noise,
     update_tilt,
     weighing,
-    with_drift,
-    with_known,
 )
 from estimator.geometry.axes import axes_of, down_of
 from estimator.geometry.quaternion import (
@@ -103,13 +99,6 @@ class ForceWeight(NamedTuple):
     weighed: float  # 1 if it moves by that share, 0 if the low-pass decides
 
 
-with_lost_steps = replacer(VerticalState, "gravity", "lost")
-with_first = replacer(VerticalState, "rest", "tilt")
-with_tilt = replacer(VerticalState, "tilt")
-with_seen = replacer(TiltState, "scatter", "gyr", "force")
-with_resting = replacer(RestState, "resting")
-
-
 @inlined
 def begin_vertical(
     state: VerticalState, q_g_frd: Quaternion, gyr: Vec3, acc: Vec3
@@ -118,7 +107,9 @@ def begin_vertical(
     gyr_smooth, acc_smooth = Smooth(gyr, ZERO_VEC3), Smooth(acc, ZERO_VEC3)
     rest = RestState(gyr_smooth, acc_smooth, 0.0, 0.0, 0.0, False, False)
     size = norm(rotate(q_g_frd, acc))
-    return with_first(state, rest, with_seen(UNKNOWN, 16.0 * LEAST_OFF_RAD**2, gyr, size))
+    return state._replace(
+        rest=rest, tilt=UNKNOWN._replace(scatter=16.0 * LEAST_OFF_RAD**2, gyr=gyr, force=size)
+    )
 
 
 @inlined
@@ -144,7 +135,7 @@ def learn_vertical(
     p = before.estimate.covariance
     # a slow stream's rates are of whole mrad/s, so rest shows no more than motion
     unknown = max((p[0] + p[4] + p[7]) / 3.0, params.bias_motion_sigma_rad_s**2)
-    before = with_tilt(before, with_drift(before.tilt, before.tilt.drift + unknown * dt))
+    before = before._replace(tilt=before.tilt._replace(drift=before.tilt.drift + unknown * dt))
     noise = step_noise(params, before.tilt, mean.gyr, rate, down, dt, interval_s, between)
     clipped = aliased_turn(mean.clipping, down)
     before, most = hold_by_mean_tilt(params, before, mean, noise.tilt)
@@ -193,7 +184,7 @@ def look_for_rest(
     shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
     field = rotate_inverse(mean.q_g_frd, mean.field_g)
     still = watch_stillness(params, before.still, rest, shown, field, mean.field_s > 0.0, dt)
-    return with_resting(rest, (rest.resting and not still.contradicted) or still.proven), still
+    return rest._replace(resting=(rest.resting and not still.contradicted) or still.proven), still
 
 
 @inlined
@@ -215,8 +206,8 @@ def hold_by_mean_tilt(
         g = rotate(mean.q_g_frd, steps.down)
         down = Smooth(approach(force.down.value, g, lost), ZERO_VEC3)
         best = Smooth(approach(force.best.value, g, lost), ZERO_VEC3)
-        gravity = GravityState(gravity.q_6d_g, with_held(force, down, best))
-    return with_lost_steps(before, gravity, add_lost_step(steps, mean.acc, lost, dt)), most
+        gravity = gravity._replace(force=force._replace(down=down, best=best))
+    return before._replace(gravity=gravity, lost=add_lost_step(steps, mean.acc, lost, dt)), most
 
 
 @inlined
@@ -250,7 +241,7 @@ def weigh_force(
         share = before.lost.proofs / (1.0 + before.lost.proofs)
         scatter += share * (min(scatter, 4.0 * LEAST_OFF_RAD**2) - scatter)
     variance = max(before.tilt.variance, least) + weighed * inflation + noise.tilt
-    known = with_known(before.tilt, min(variance, most), scatter)
+    known = before.tilt._replace(variance=min(variance, most), scatter=scatter)
     tilt, share = update_tilt(
         params, known, noise, down_g, mean.gravity_g, dt, slow_square, warm_up
     )
@@ -276,7 +267,7 @@ def follow_slow(
     if weighing(params, k.dt_s) == 0.0:
         return before.slow
     if before.rest.resting:
-        return with_seen_s(before.slow, before.slow.seen_s + k.dt_s)
+        return before.slow._replace(seen_s=before.slow.seen_s + k.dt_s)
     f, down_g = now.force, before.gravity.force.down.value
     share = long_share(k, f.age_s)
     carried = fast_in_vehicle(params, k.dt_s)

@@ -8,7 +8,7 @@ turn.
 from math import sqrt
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import LATELY_S, QUICK_S, ConditioningParams
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.vertical.lowpass import LowPass, Smooth, approach, smooth
@@ -90,7 +90,6 @@ class Stillness(NamedTuple):
 
 
 NOT_STEADY = Stillness()
-with_means = replacer(Stillness, "field", "wait_s", "mean_field", "mean_down")
 
 
 @inlined
@@ -115,7 +114,9 @@ def watch_stillness(
         mean_field = mean_after(mean_field, unit(smooth), rate, wait_s)
         wait_s = 0.0
     if not rest.steady:
-        return with_means(NOT_STEADY, smooth, wait_s, unit(smooth), down)
+        return NOT_STEADY._replace(
+            field=smooth, wait_s=wait_s, mean_field=unit(smooth), mean_down=down
+        )
     mean_down = mean_after(before.mean_down, down, rate, dt_s)
     shown = scale(LATELY_S / (LATELY_S + dt_s), add(before.shown, scale(dt_s, rate)))
     seen_field = unit(smooth) if wait_s <= params.rest_time_s else ZERO_VEC3

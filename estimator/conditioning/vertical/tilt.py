@@ -10,7 +10,7 @@ second without a sample. Its root is the published uncertainty of slow streams.
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined, replacer
+from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import (
     ACCELERATION_LASTS_S,
     QUICK_S,
@@ -60,9 +60,6 @@ class TiltState(NamedTuple):
 
 
 UNKNOWN = TiltState(ANY_DIRECTION_VARIANCE, ANY_DIRECTION_VARIANCE)
-with_variance = replacer(TiltState, "variance")
-with_drift = replacer(TiltState, "drift")
-with_known = replacer(TiltState, "variance", "scatter")
 
 
 @inlined

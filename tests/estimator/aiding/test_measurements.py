@@ -144,7 +144,7 @@ def pushed(felt, reported):
     tilt = AccelerationTilt(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
     for k in range(40):
         tilt = tilts.watch_acceleration_tilt(tilt, (felt, 0.0, -STANDARD_GRAVITY_M_S2), 0.25)
-        tilt = tilts.with_latest(tilt, (reported * 0.25 * k, 0.0, 0.0))
+        tilt = tilt._replace(latest_m_s=(reported * 0.25 * k, 0.0, 0.0))
     return tilt
 
 
