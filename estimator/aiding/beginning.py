@@ -47,12 +47,18 @@ class Start(NamedTuple):
 
     q_ned_frd: Quaternion  # body to NED
     heading_sigma_rad: float  # about down
-    tilt_sigma_rad: float = 0.0  # about north and east
+    tilt_sigma_rad: float = 0.0  # about north and east; 0 of the unaided vertical's own
     compass_sigma_rad: float = 0.0  # of how the compass is turned in the vehicle
     turned_by_iron_1_gauss: Vec3 = ZERO_VEC3  # what hard iron (FRD) does to a heading by the field
     hard_iron_sigma_gauss: float = 0.0  # of the vehicle's own field, each axis
+    tilt_by_bias_rad: float = 0.0  # what either sensor's bias may have tilted the vertical by
     gyr_bias_rad_s: Vec3 = ZERO_VEC3  # FRD
     field_lag_s: float = 0.0  # of the magnetometer's readings, and the sigma of that
+
+    @property
+    def sigma(self) -> Sigmas:
+        """Of the attitude."""
+        return Sigmas(self.tilt_sigma_rad, self.heading_sigma_rad)
 
 
 def lag_variance(lag_s: float) -> float:

@@ -1,4 +1,4 @@
-"""The attitude from velocity only, where no field can give the first heading.
+"""The attitude from velocity, where no field can give the first heading, or together with one.
 
 The specific force, turned to the gyro-propagated frame G and integrated over a second, is the
 change of velocity minus that by gravity, seen from G. How G is turned against NED is Wahba's
@@ -9,7 +9,7 @@ gravity. Source: Y. Wu and X. Pan 2013, "Velocity/position integration formula p
 """
 
 from math import exp as real_exp
-from math import radians, sqrt
+from math import hypot, radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -18,10 +18,22 @@ from estimator.aiding.beginning import BEGIN_VELOCITY_SIGMA_M_S
 from estimator.aiding.course import STANDING, Rolled, fade_rolled, roll_on
 from estimator.aiding.types import Array, Report
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
-from estimator.geometry.quaternion import add, cross, dot, rotate, rotate_inverse, scale, subtract
+from estimator.geometry.quaternion import (
+    add,
+    angle_between_vectors,
+    cross,
+    dot,
+    norm,
+    rotate,
+    rotate_inverse,
+    scale,
+    subtract,
+    unit,
+)
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 Matrix = tuple[Vec3, Vec3, Vec3]  # row by row
@@ -44,6 +56,14 @@ class Window(NamedTuple):
     is_open: bool = False  # until the first report
 
 
+class Push(NamedTuple):
+    """One closed window."""
+
+    ned_m_s: Vec3 = ZERO_VEC3  # change of velocity without gravity
+    g_m_s: Vec3 = ZERO_VEC3  # integrated specific force, in G
+    swing_m_s2: Vec3 = ZERO_VEC3  # change of the specific force, in G
+
+
 class Evidence(NamedTuple):
     """Sums over closed windows of a, the change of velocity without gravity (NED), and b, in G.
 
@@ -58,6 +78,7 @@ class Evidence(NamedTuple):
     windows: float = 0.0  # how many, older ones in part
     rolled: Rolled = STANDING  # where that goes by its course
     late_sigma_s: float = 0.0  # uncertainty of the reports' age
+    latest: Push = Push()  # the last window itself
 
 
 class Search(NamedTuple):
@@ -71,10 +92,11 @@ EMPTY_SEARCH = Search()
 
 
 class Solution(NamedTuple):
-    """Attitude of the frame G, and how uncertain its heading is."""
+    """Attitude of the frame G, and how uncertain it is."""
 
     q_ned_g: Quaternion
     sigma_heading_rad: float
+    sigma_tilt_rad: float = 0.0  # 0 where it was not asked
 
 
 @inlined
@@ -152,6 +174,7 @@ def add_report(
             down_frd,
         ),
         late_sigma_s=max(before.late_sigma_s, report.late_sigma_s),
+        latest=Push(a, b, swing),
     )
     return Search(opened, evidence), True
 
@@ -160,7 +183,7 @@ def add_report(
 def fade(evidence: Evidence, loss: float, time_s: float) -> Evidence:
     """The evidence ``time_s`` later: it counts exp(-loss) as much, and what is left is older."""
     keep = real_exp(-loss)
-    return Evidence(
+    return evidence._replace(
         correlation=add_scaled(NOTHING, keep, evidence.correlation),
         aged=add_scaled(
             add_scaled(NOTHING, keep, evidence.aged), keep * time_s, evidence.correlation
@@ -169,7 +192,6 @@ def fade(evidence: Evidence, loss: float, time_s: float) -> Evidence:
         squares=keep * evidence.squares,
         windows=keep * evidence.windows,
         rolled=fade_rolled(evidence.rolled, keep),
-        late_sigma_s=evidence.late_sigma_s,
     )
 
 
@@ -183,6 +205,31 @@ def add_scaled(A: Matrix, x: float, B: Matrix) -> Matrix:
 def outer(a: Vec3, b: Vec3) -> Matrix:
     """a b'."""
     return scale(a[0], b), scale(a[1], b), scale(a[2], b)
+
+
+def solve_with_field(
+    evidence: Evidence, sigma_m_s: float, field_ned: Vec3, field_g: Vec3, sigma_rad: float
+) -> Solution | None:
+    """The attitude of G by the last window and the field of the place, if they fit together.
+
+    Two directions show it at once (Black's TRIAD, weighted). ``sigma_m_s`` is that of a change of
+    velocity, ``sigma_rad`` that of the field's direction. The angle between
+    the two, and the push's size, must be as expected: then both are right, or both are wrong alike.
+    """
+    push = evidence.latest
+    size, between = norm(push.ned_m_s), angle_between_vectors(push.ned_m_s, field_ned)
+    off_rad = angle_between_vectors(push.g_m_s, field_g) - between
+    if abs(off_rad) > NORM_SCALE or abs(norm(push.g_m_s) - size) > NORM_SCALE * size:
+        return None
+    weight = (sigma_m_s / sigma_rad) ** 2
+    B = np.outer(push.ned_m_s, push.g_m_s) + weight * np.outer(unit(field_ned), unit(field_g))
+    R = nearest_rotation(B)
+    inverse = np.linalg.inv(_information(B @ R.T))
+    by_age = evidence.late_sigma_s * (inverse @ R @ np.array(cross(push.g_m_s, push.swing_m_s2)))
+    north, east, down = np.sqrt(sigma_m_s**2 * np.diag(inverse) + by_age**2).tolist()
+    tilt = max(north, east)
+    is_known = hypot(tilt, down) < HEADING_REACH_RAD
+    return Solution(quaternion_from_matrix(R), down, tilt) if is_known else None
 
 
 def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:

@@ -21,7 +21,7 @@ import numpy as np
 from estimator.aiding import compass
 from estimator.aiding.beginning import Start
 from estimator.aiding.compass import Compass
-from estimator.aiding.phase import Cause, Phase
+from estimator.aiding.phase import Cause
 from estimator.aiding.search import UNKNOWN_RAD, Solution, solve
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import COMPASS_TURN, HARD_IRON, SIZE, Report, Sigmas
@@ -32,24 +32,22 @@ from estimator.conditioning.params import CONFIRM_S, MEMORY_S, SPAN_S
 from estimator.conditioning.rate import slow_share
 from estimator.conditioning.robust import REACH
 from estimator.geometry.quaternion import angle_between_vectors, multiply, norm, rotate
-from estimator.live.aiding_span import (
+from estimator.live.aiding_span import set_out
+from estimator.live.core import Core, in_rows
+from estimator.live.iron import MOUNTED_RAD
+from estimator.live.settings import Settings
+from estimator.live.starts import (
     LEAST_HEADING_SIGMA_RAD,
     bias_sigma_rad_s,
     heading_between,
     iron_sigma_gauss,
     judge_field,
-    set_out,
 )
-from estimator.live.core import Core, in_rows
-from estimator.live.iron import MOUNTED_RAD
-from estimator.live.settings import Settings
 from estimator.live.state import State
 
 
 def check_compass(state: State, report: Report) -> None:
     """Compare the compass with the heading by velocity, and act if they contradict."""
-    if state.context.phase is not Phase.AIDED:
-        return
     now = state.core.core_in_arrays
     if not state.context.is_by_field:
         judge_mounting(state, now)

@@ -7,6 +7,7 @@ from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.sources.source import in_types_of, source_of
 from estimator.aiding.sources.wheels import rolls
+from estimator.aiding.types import Report
 from estimator.aiding.velocity_history import OLDEST_S
 from estimator.compilation.compiled import plain
 from estimator.conditioning.condition import condition
@@ -17,7 +18,7 @@ from estimator.filter.types import FilterState
 from estimator.geometry.earth import update_position
 from estimator.geometry.quaternion import exp, multiply, rotate
 from estimator.live.aided import conditioned_vectors
-from estimator.live.aiding_span import begin_aided, give_up
+from estimator.live.aiding_span import begin_aided, give_up, reacquire
 from estimator.live.compass_check import check_compass
 from estimator.live.core import UNSEEN, Core, with_attitude
 from estimator.live.refusal import FINE, RATE_LIMIT_RAD_S, REASONS, fault_of
@@ -66,12 +67,18 @@ def decide(state: State, end: int) -> Reason | None:
     if end & LOST:
         give_up(state)
     elif end & (SHOWN | SHOWN_LATE):
-        check_compass(state, report)
+        judge_aided(state, report)
     if end & FIRST_HEADING:
         state.align()
     if end & REPORT:
         begin_aided(state, report, has_heading=has_heading)
     return None
+
+
+def judge_aided(state: State, report: Report) -> None:
+    """After a window of the search has closed: is the aided attitude right, and its compass?"""
+    if state.context.phase is Phase.AIDED and not reacquire(state, report):
+        check_compass(state, report)
 
 
 def take_sample(state: State, sample: ImuSample) -> Reason | None:
@@ -146,7 +153,7 @@ def take_report(state: State, report: Any) -> Reason | None:
     if isinstance(report, VelocitySample):
         time_us, velocity, has_vertical, sigma_m_s, late_s = report
         if core.take_report(False, time_us, *velocity, sigma_m_s, late_s, has_vertical):
-            check_compass(state, core.last_report()[0])
+            judge_aided(state, core.last_report()[0])
     elif state.context.phase is Phase.AIDED:
         if report.time_us > core.time_us:
             waiting = (*state.context.reports, report)

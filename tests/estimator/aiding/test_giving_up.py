@@ -11,8 +11,9 @@ from estimator.aiding.phase import Phase
 from estimator.conditioning.robust import FAR
 from estimator.geometry import quaternion as qn
 from estimator.geometry.metrics import angle_errors
-from estimator.live.aiding_span import give_up, is_better, start_level
+from estimator.live.aiding_span import give_up
 from estimator.live.core import UNSEEN, flat
+from estimator.live.starts import is_better, start_level
 from estimator.live.state import State
 from estimator.profile import load_profile
 from estimator.types import DOWN, NO_SAMPLE, ZERO_VEC3
