@@ -224,7 +224,10 @@ def solve_with_field(
     weight = (sigma_m_s / sigma_rad) ** 2
     B = np.outer(push.ned_m_s, push.g_m_s) + weight * np.outer(unit(field_ned), unit(field_g))
     R = nearest_rotation(B)
-    inverse = np.linalg.inv(_information(B @ R.T))
+    M = _information(B @ R.T)
+    if float(np.linalg.eigvalsh(M)[0]) * HEADING_REACH_RAD**2 <= sigma_m_s**2:
+        return None  # the two are nearly parallel
+    inverse = np.linalg.inv(M)
     by_age = evidence.late_sigma_s * (inverse @ R @ np.array(cross(push.g_m_s, push.swing_m_s2)))
     north, east, down = np.sqrt(sigma_m_s**2 * np.diag(inverse) + by_age**2).tolist()
     tilt = max(north, east)
