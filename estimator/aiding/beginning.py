@@ -47,7 +47,7 @@ class Start(NamedTuple):
 
     q_ned_frd: Quaternion  # body to NED
     heading_sigma_rad: float  # about down
-    tilt_sigma_rad: float = 0.0  # about north and east; 0 of the unaided vertical's own
+    tilt_sigma_rad: float = 0.0  # about north and east; 0: that of the unaided vertical
     compass_sigma_rad: float = 0.0  # of how the compass is turned in the vehicle
     turned_by_iron_1_gauss: Vec3 = ZERO_VEC3  # what hard iron (FRD) does to a heading by the field
     hard_iron_sigma_gauss: float = 0.0  # of the vehicle's own field, each axis
@@ -57,7 +57,7 @@ class Start(NamedTuple):
 
     @property
     def sigma(self) -> Sigmas:
-        """Of the attitude."""
+        """Of the attitude, where that of its tilt is given."""
         return Sigmas(self.tilt_sigma_rad, self.heading_sigma_rad)
 
 

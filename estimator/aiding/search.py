@@ -1,4 +1,4 @@
-"""The attitude from velocity, where no field can give the first heading, or together with one.
+"""The attitude from velocity alone, or from velocity and the field together.
 
 The specific force, turned to the gyro-propagated frame G and integrated over a second, is the
 change of velocity minus that by gravity, seen from G. How G is turned against NED is Wahba's
@@ -57,11 +57,11 @@ class Window(NamedTuple):
 
 
 class Push(NamedTuple):
-    """One closed window."""
+    """What one closed window has shown."""
 
-    ned_m_s: Vec3 = ZERO_VEC3  # change of velocity without gravity
-    g_m_s: Vec3 = ZERO_VEC3  # integrated specific force, in G
-    swing_m_s2: Vec3 = ZERO_VEC3  # change of the specific force, in G
+    change_ned_m_s: Vec3 = ZERO_VEC3  # of velocity, without gravity
+    force_g_m_s: Vec3 = ZERO_VEC3  # the specific force, integrated, in G
+    swing_g_m_s2: Vec3 = ZERO_VEC3  # from the first specific force to the last, in G
 
 
 class Evidence(NamedTuple):
@@ -96,7 +96,7 @@ class Solution(NamedTuple):
 
     q_ned_g: Quaternion
     sigma_heading_rad: float
-    sigma_tilt_rad: float = 0.0  # 0 where it was not asked
+    sigma_tilt_rad: float = 0.0  # 0: not computed
 
 
 @inlined
@@ -210,25 +210,26 @@ def outer(a: Vec3, b: Vec3) -> Matrix:
 def solve_with_field(
     evidence: Evidence, sigma_m_s: float, field_ned: Vec3, field_g: Vec3, sigma_rad: float
 ) -> Solution | None:
-    """The attitude of G by the last window and the field of the place, if they fit together.
+    """The attitude of G by the last window and the field of the place.
 
-    Two directions show it at once (Black's TRIAD, weighted). ``sigma_m_s`` is that of a change of
-    velocity, ``sigma_rad`` that of the field's direction. The angle between
-    the two, and the push's size, must be as expected: then both are right, or both are wrong alike.
+    ``sigma_m_s`` is that of a change of velocity, ``sigma_rad`` that of the field's direction. If
+    the angle between the two, or the size of the push, is not as expected, one of them is wrong,
+    and nothing is returned.
     """
-    push = evidence.latest
-    size, between = norm(push.ned_m_s), angle_between_vectors(push.ned_m_s, field_ned)
-    off_rad = angle_between_vectors(push.g_m_s, field_g) - between
-    if abs(off_rad) > NORM_SCALE or abs(norm(push.g_m_s) - size) > NORM_SCALE * size:
+    change, force, swing = evidence.latest
+    size, expected = norm(change), angle_between_vectors(change, field_ned)
+    off_rad = abs(angle_between_vectors(force, field_g) - expected)
+    fits = off_rad <= NORM_SCALE and abs(norm(force) - size) <= NORM_SCALE * size
+    if not fits:  # so it is, too, where one is no number
         return None
     weight = (sigma_m_s / sigma_rad) ** 2
-    B = np.outer(push.ned_m_s, push.g_m_s) + weight * np.outer(unit(field_ned), unit(field_g))
+    B = np.outer(change, force) + weight * np.outer(unit(field_ned), unit(field_g))
     R = nearest_rotation(B)
     M = _information(B @ R.T)
     if float(np.linalg.eigvalsh(M)[0]) * HEADING_REACH_RAD**2 <= sigma_m_s**2:
         return None  # the two are nearly parallel
     inverse = np.linalg.inv(M)
-    by_age = evidence.late_sigma_s * (inverse @ R @ np.array(cross(push.g_m_s, push.swing_m_s2)))
+    by_age = evidence.late_sigma_s * (inverse @ R @ np.array(cross(force, swing)))
     north, east, down = np.sqrt(sigma_m_s**2 * np.diag(inverse) + by_age**2).tolist()
     tilt = max(north, east)
     is_known = hypot(tilt, down) < HEADING_REACH_RAD

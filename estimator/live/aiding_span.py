@@ -5,7 +5,7 @@ from math import hypot, isfinite
 from estimator.aiding import compass
 from estimator.aiding.acceleration_tilt import explains_acceleration
 from estimator.aiding.beginning import Start, begin, inflate_covariance, lag_variance
-from estimator.aiding.consistency import inflated
+from estimator.aiding.consistency import NEW_CONSISTENCY, inflated
 from estimator.aiding.phase import Cause
 from estimator.aiding.search import UNKNOWN_RAD, Search
 from estimator.aiding.sources.velocity import is_credible
@@ -43,16 +43,17 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3
 def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
     """Velocity starts to help once there is a heading from true north.
 
-    It comes from the field, or from velocity itself where there is no usable field
-    or no position that shows true from magnetic north.
+    It comes from the field, from velocity and field together, or from velocity alone where there is
+    no usable field or no position that shows true from magnetic north.
     """
     can_compare = has_heading and state.knows_north
     start = find_start_by_field(state) if can_compare else None
+    follows_unaided = has_heading
     if start is None and state.core.search(report):
         now = state.core.core
         start = find_start_by_both(state, now, report)
         if start is not None and is_better(start.sigma, unaided_sigma(state, now)):
-            has_heading = False  # that of the unaided attitude is not followed
+            follows_unaided = False
         else:
             start = find_start_by_velocity(state, now, report)
             if start is not None and can_compare and not rolls(state.settings.aiding):
@@ -62,7 +63,7 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
         return
     # a field that is contradicted has shown no heading
     is_wrong = compass.is_contradicted(state.context.compass, state.core.time_us)
-    set_out(state, start, report, has_heading=has_heading and not is_wrong)
+    set_out(state, start, report, has_heading=follows_unaided and not is_wrong)
 
 
 def set_out(state: State, start: Start, report: Report, *, has_heading: bool) -> None:
@@ -85,34 +86,42 @@ def set_out(state: State, start: Start, report: Report, *, has_heading: bool) ->
 def reacquire(state: State, report: Report) -> bool:
     """Begin anew where velocity and field together contradict the aided attitude.
 
-    So it is after a turn that the gyroscope has not shown, and after a hole in the stream, which
-    the search begins anew behind: its first window shows the attitude without what was before. Such
-    an error is too large to be corrected in small steps. Where the aided attitude is right, the
-    filter that follows it may be as far off. Returns whether something was changed.
+    This happens after a turn that the gyroscope has missed, and after a hole in the stream. Such an
+    error is too large for small corrections, which have put it into the sensors' errors meanwhile:
+    these are void, too. If the aided attitude is right, and the filter that follows it is far off,
+    only the filter is moved. Returns whether something was changed.
     """
-    now = state.core.core_in_arrays
+    now = state.core.core
     start = find_start_by_both(state, now, report)
     if start is None:
         return False
-    aided, push, reach_rad = (
-        now.aided.estimate,
-        now.search.evidence.latest,
-        REACH * hypot(*start.sigma),
-    )
-    if now.search.evidence.windows == 1.0:
-        is_wrong = angle_between(start.q_ned_frd, aided.q_ned_frd) > reach_rad
-    else:
-        q_ned_g = multiply(aided.q_ned_frd, conjugate(now.gathered.q_g_frd))
-        off_rad = angle_between_vectors(rotate(q_ned_g, push.g_m_s), push.ned_m_s)
-        is_wrong = off_rad > REACH * NORM_SCALE
-    if is_wrong:
-        # what windows before have shown is of another G
-        state.set_core(state.core.core._replace(search=Search(now.search.window)))
+    if is_contradicted(now, start):
+        # earlier windows belong to another G
+        anew = now._replace(search=Search(now.search.window), consistency=NEW_CONSISTENCY)
+        state.set_core(anew)
         set_out(state, start, report, has_heading=False)
-    elif angle_between(now.filter.q_ned_frd, aided.q_ned_frd) > reach_rad:
-        state.set_core(with_attitude(state.core.core, aided.q_ned_frd))
         return True
-    return is_wrong
+    q = now.aided.estimate.q_ned_frd
+    if angle_between(now.filter.q_ned_frd, q) > REACH * hypot(*start.sigma):
+        state.set_core(with_attitude(now, q))
+        return True
+    return False
+
+
+def is_contradicted(now: Core, start: Start) -> bool:
+    """Whether the aided attitude is another one than velocity and field show together.
+
+    The search begins anew behind a hole, so that its first window depends on nothing before, and is
+    believed where it is known better. Else the push has to contradict the attitude: a compass that
+    is turned does not move it.
+    """
+    q, evidence = now.aided.estimate.q_ned_frd, now.search.evidence
+    if evidence.windows == 1.0:
+        is_apart = angle_between(start.q_ned_frd, q) > REACH * hypot(*start.sigma)
+        return is_apart and is_better(start.sigma, inflated(now.aided.sigma, now.consistency))
+    q_ned_g = multiply(q, conjugate(now.gathered.q_g_frd))
+    change, force, _ = evidence.latest
+    return angle_between_vectors(rotate(q_ned_g, force), change) > REACH * NORM_SCALE
 
 
 def give_up(state: State) -> None:

@@ -1,7 +1,7 @@
 """Whether velocity contradicts the compass, and how the compass is mounted.
 
-The search for an attitude by velocity (:mod:`estimator.aiding.search`) goes on beside the aided
-estimate and never uses the field. It is compared with the aided heading, which velocity may have
+The search for an attitude by velocity alone (:func:`estimator.aiding.search.solve`) goes on beside
+the aided estimate. It is compared with the aided heading, which velocity may have
 drawn half the way, and with a field as read that it has not confirmed. Where they differ by more
 than their sigmas explain, compass and velocity are two hypotheses.
 

@@ -48,7 +48,7 @@ class Core(NamedTuple):
     pull: Pull = NO_PULL  # of raw vectors on the heading; as it was before, while conditioned
     gathered: Gathered = NOTHING  # with frame G; as it was before, while the vectors are raw
     seen: Conditioned = UNSEEN  # of the last sample; blank while the vectors are raw
-    search: Search = EMPTY_SEARCH  # for an attitude from velocity only; empty while velocity helps
+    search: Search = EMPTY_SEARCH  # for an attitude from velocity, with or without the field
     consistency: Consistency = NEW_CONSISTENCY  # of the aided attitude; blank without velocity
     turning: Turning = STILL  # that others have seen between the IMU's samples
     rates: Any = ()  # of theirs that wait for a sample: rows as in ``turning``, or row by row

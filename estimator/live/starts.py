@@ -66,25 +66,27 @@ def find_start_by_field(state: State) -> Start | None:
 
 
 def find_start_by_both(state: State, now: Core, report: Report) -> Start | None:
-    """The attitude by the last second's push and the place's field, whatever it was before.
+    """The attitude by the last window's push and the place's field, whatever it was before.
 
-    A gyroscope that is contradicted has not carried that second, and a slow stream has not seen it.
+    It needs a gyroscope that nothing contradicts, a stream fast enough to follow that second, and a
+    report that shows the vertical part.
     """
     aiding, place = state.settings.aiding, state.settings.reference.place_gauss
-    events, evidence = now.conditioning.events, now.search.evidence
+    events = now.conditioning.events
     is_carried = slow_share(now.sample.dt_s) == 0.0 and events.axes.since_s >= LATELY_S
     is_seen = now.seen.has_heading and now.conditioning.field.magnetic.wait_s < SPAN_S
     if not is_carried or not is_seen or not state.knows_north or norm(place) == 0.0:
         return None
-    if evidence.windows < 1.0 or rolls(aiding) or not field_is_usable(state, now):
+    if not report.has_vertical or rolls(aiding) or not state.compass_is_usable:
         return None
     sigma_m_s = aiding.receiver_noise_m_s * max(1.0, report.sigma_m_s / aiding.report_sigma_m_s)
+    sigma_m_s *= sqrt(2.0)  # of the window's two reports
     iron_gauss = iron_sigma_gauss(state, now)
     field_rad = max(NORM_SCALE, iron_gauss / norm(place))
-    of_g = solve_with_field(evidence, sigma_m_s, place, events.jump.quick, field_rad)
+    of_g = solve_with_field(now.search.evidence, sigma_m_s, place, events.jump.quick, field_rad)
     if of_g is None:
         return None
-    start, per_gauss = start_by(of_g, now), 1.0 / max(horizontal_down(place)[0], TINY)
+    start, per_gauss = start_from(of_g, now), 1.0 / max(horizontal_down(place)[0], TINY)
     east = rotate_inverse(start.q_ned_frd, (0.0, 1.0, 0.0))
     return start._replace(
         heading_sigma_rad=max(start.heading_sigma_rad, iron_gauss * per_gauss),
@@ -92,7 +94,7 @@ def find_start_by_both(state: State, now: Core, report: Report) -> Start | None:
     )
 
 
-def start_by(of_g: Solution, now: Core) -> Start:
+def start_from(of_g: Solution, now: Core) -> Start:
     """The body's attitude where that of G was found."""
     q = multiply(of_g.q_ned_g, now.gathered.q_g_frd)
     return Start(q, max(of_g.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD), of_g.sigma_tilt_rad)
@@ -102,7 +104,7 @@ def find_start_by_velocity(state: State, now: Core, report: Report) -> Start | N
     """The attitude that the reports show without any field, if its heading is certain enough."""
     start = start_by_course(state.settings, now, report) if rolls(state.settings.aiding) else None
     of_g = solve(now.search, bias_sigma_rad_s(now.conditioning)) if start is None else None
-    return start if of_g is None else start_by(of_g, now)
+    return start if of_g is None else start_from(of_g, now)
 
 
 def judge_field(state: State, start: Start) -> Start:

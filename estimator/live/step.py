@@ -260,7 +260,7 @@ def search_on(handle: Any, acc: Vec3, dt_s: float) -> None:
 
 @inlined
 def search_by(handle: Any, report: Report) -> bool:
-    """Take a report for the attitude by velocity only; whether it may have shown that."""
+    """Take a report for the search by velocity; whether it has closed a window."""
     found, last = handle.search, handle.sample
     q_g_frd = handle.gathered.q_g_frd
     if not found.window.is_open:  # the force was not followed until now

@@ -67,7 +67,7 @@ def decide(state: State, end: int) -> Reason | None:
     if end & LOST:
         give_up(state)
     elif end & (SHOWN | SHOWN_LATE):
-        judge_aided(state, report)
+        check_aided(state, report)
     if end & FIRST_HEADING:
         state.align()
     if end & REPORT:
@@ -75,8 +75,8 @@ def decide(state: State, end: int) -> Reason | None:
     return None
 
 
-def judge_aided(state: State, report: Report) -> None:
-    """After a window of the search has closed: is the aided attitude right, and its compass?"""
+def check_aided(state: State, report: Report) -> None:
+    """Check the aided attitude, then its compass, after a window of the search has closed."""
     if state.context.phase is Phase.AIDED and not reacquire(state, report):
         check_compass(state, report)
 
@@ -153,7 +153,7 @@ def take_report(state: State, report: Any) -> Reason | None:
     if isinstance(report, VelocitySample):
         time_us, velocity, has_vertical, sigma_m_s, late_s = report
         if core.take_report(False, time_us, *velocity, sigma_m_s, late_s, has_vertical):
-            judge_aided(state, core.last_report()[0])
+            check_aided(state, core.last_report()[0])
     elif state.context.phase is Phase.AIDED:
         if report.time_us > core.time_us:
             waiting = (*state.context.reports, report)

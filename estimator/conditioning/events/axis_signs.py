@@ -229,6 +229,7 @@ def judge(
     moves = min(square(field.moved), 2.0 * variance) - field.by_noise
     turns = max(1e-12, keep * (state.turns + dt_s * square(state.turned)))
     return state._replace(
+        # a field goes along by twice the turn at most
         moves=min(keep * (state.moves + dt_s * max(0.0, moves)), 4.0 * turns),
         turns=turns,
         by_noise=max(1.0, state.by_noise * (1.0 + learn * quiet)),

@@ -1,14 +1,16 @@
 """The attitude found anew by velocity and the place's field, after what no sensor has shown."""
 
 from dataclasses import replace
-from math import degrees
+from math import degrees, nan
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimator.aiding.phase import Phase
 from estimator.aiding.search import EMPTY_SEARCH, Push, solve_with_field
 from estimator.conditioning.field.magnetic import NORM_SCALE
+from estimator.estimator import Estimator
 from estimator.geometry.earth import field_at, in_ned
 from estimator.geometry.quaternion import exp, rotate_inverse
 from estimator.profile import load_profile
@@ -77,6 +79,7 @@ def test_an_unsensed_turn_in_a_banked_turn_is_found_within_two_seconds(flight, t
     late = slice(at + 2 * SECOND, None)
     assert errors[late, TOTAL].max() < 3.0
     assert np.mean(errors[late, 1] <= sigmas[late, 1]) > 0.68
+    assert sigmas[late].max() < 3.0  # nothing of the former attitude is left in it
 
 
 @pytest.mark.parametrize(("at", "seconds"), [(830, 1.5), (830, 2.5), (830, 3.4), (800, 5.0)])
@@ -84,6 +87,24 @@ def test_what_a_hole_has_hidden_is_found_a_second_behind_it(flight, at, seconds)
     errors, _ = flown_in_zurich(with_hole(flight, at, seconds))
     assert errors[at + 1, TOTAL] > 60.0
     assert errors[at + round(1.8 * SECOND) :, TOTAL].max() < 2.0
+
+
+def test_the_filter_is_moved_to_an_aided_attitude_that_is_right(flight):
+    errors, _ = flown_in_zurich(with_hole(flight, 870, 2.8))
+    assert errors[871, TOTAL] > 50.0
+    assert errors[871 + 4 * SECOND :, TOTAL].max() < 5.0  # by itself it takes longer
+
+
+def test_a_compass_that_nobody_vouches_for_shows_no_attitude_with_velocity(flight):
+    one, phases = Estimator(load_profile("imu")), []
+
+    def after(k):
+        if k == 0:
+            one.set_position(*ZURICH)
+        phases.append(one.snapshot.context.phase)
+
+    flown(one, replace(flight, samples=flight.samples[: 2 * SECOND]), after=after)
+    assert Phase.AIDED not in phases
 
 
 def test_a_hole_that_hides_nothing_changes_nothing(flight):
@@ -104,6 +125,7 @@ def test_a_compass_that_is_turned_in_flight_does_not_take_the_heading_along(flig
     assert errors[20 * SECOND :, TOTAL].max() < 3.0
 
 
+TOO_STEEP = Rotation.from_rotvec([0.0, 1.2 * NORM_SCALE, 0.0])
 PUSH_NED = np.array((3.0, -1.0, -STANDARD_GRAVITY_M_S2))
 
 
@@ -120,10 +142,10 @@ def test_one_window_with_the_field_is_scipys_solution(seed):
     push = PUSH_NED + 0.1 * rng.standard_normal(3)
     field = g_ned.inv().apply(FIELD_NED_GAUSS) + 0.02 * rng.standard_normal(3)
     evidence = evidence_of(g_ned, push)
-    found = solve_with_field(evidence, 0.1, FIELD_NED_GAUSS, tuple(field.tolist()), 0.1)
-    seen = [evidence.latest.g_m_s, field / np.linalg.norm(field)]
+    found = solve_with_field(evidence, 0.1, FIELD_NED_GAUSS, tuple(field.tolist()), 0.05)
+    seen = [evidence.latest.force_g_m_s, field / np.linalg.norm(field)]
     wanted = [PUSH_NED, FIELD_NED_GAUSS / np.linalg.norm(FIELD_NED_GAUSS)]
-    expected, _ = Rotation.align_vectors(wanted, seen, weights=[1.0, 1.0])
+    expected, _ = Rotation.align_vectors(wanted, seen, weights=[1.0, 4.0])
     w, x, y, z = found.q_ned_g
     assert (Rotation.from_quat((x, y, z, w)) * expected.inv()).magnitude() < 1e-9
     error = degrees((Rotation.from_quat((x, y, z, w)) * g_ned.inv()).magnitude())
@@ -131,15 +153,15 @@ def test_one_window_with_the_field_is_scipys_solution(seed):
 
 
 @pytest.mark.parametrize(
-    ("push", "field"),
+    ("push", "place", "field"),
     [
-        (1.2 * PUSH_NED, FIELD_NED_GAUSS),  # too large
-        (PUSH_NED, Rotation.from_rotvec([0.0, 1.2 * NORM_SCALE, 0.0]).apply(FIELD_NED_GAUSS)),
-        (PUSH_NED, -PUSH_NED),  # nothing shows the turn about it
+        (1.2 * PUSH_NED, FIELD_NED_GAUSS, FIELD_NED_GAUSS),  # too large
+        (PUSH_NED, FIELD_NED_GAUSS, TOO_STEEP.apply(FIELD_NED_GAUSS)),
+        (PUSH_NED, -PUSH_NED, -PUSH_NED),  # nothing shows the turn about it
+        (nan * PUSH_NED, FIELD_NED_GAUSS, FIELD_NED_GAUSS),
     ],
 )
-def test_a_push_and_a_field_that_do_not_fit_together_show_nothing(push, field):
+def test_a_push_and_a_field_that_do_not_fit_together_show_nothing(push, place, field):
     g_ned = Rotation.random(random_state=1)
     evidence, seen = evidence_of(g_ned, push), g_ned.inv().apply(field)
-    place = FIELD_NED_GAUSS if not np.allclose(field, -PUSH_NED) else tuple((-PUSH_NED).tolist())
-    assert solve_with_field(evidence, 0.1, place, tuple(seen.tolist()), 0.1) is None
+    assert solve_with_field(evidence, 0.1, tuple(place), tuple(seen.tolist()), 0.1) is None

@@ -181,6 +181,11 @@ class Inner(NamedTuple):
     flag: bool
 
 
+class Two(NamedTuple):
+    first: float
+    second: float
+
+
 class Outer(NamedTuple):
     first: float
     inner: Inner
@@ -201,6 +206,16 @@ def change_middle(outer, value):
 
 
 @compiled()
+def change_by_place(outer, value):
+    return outer._replace(value)
+
+
+@compiled()
+def change_uniform(two, value):
+    return two._replace(second=value)
+
+
+@compiled()
 def change_last(outer, value):
     return outer._replace(last=value)
 
@@ -211,6 +226,15 @@ def test_only_what_is_named_changes(function):
     assert changed == Outer(7.0, Inner((7.0, 7.0), flag=False), 9)
     assert isinstance(changed, Outer)
     assert type(changed.inner.flag) is bool
+
+
+def test_fields_of_one_type_change_alike():
+    assert change_uniform(Two(1.0, 2.0), 3.0) == Two(1.0, 3.0)
+
+
+def test_a_value_without_a_name_is_refused():
+    with pytest.raises((TypingError, TypeError), match=r"by name|positional"):
+        change_by_place(BEFORE, 2.5)
 
 
 @pytest.mark.skipif(not is_compiled_code(), reason="plain Python casts nothing")
