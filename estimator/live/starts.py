@@ -77,7 +77,7 @@ def find_start_by_both(state: State, now: Core, report: Report) -> Start | None:
     is_seen = now.seen.has_heading and now.conditioning.field.magnetic.wait_s < SPAN_S
     if not is_carried or not is_seen or not state.knows_north or norm(place) == 0.0:
         return None
-    if not report.has_vertical or rolls(aiding) or not state.compass_is_usable:
+    if not report.has_vertical or not state.compass_is_usable:
         return None
     sigma_m_s = aiding.receiver_noise_m_s * max(1.0, report.sigma_m_s / aiding.report_sigma_m_s)
     sigma_m_s *= sqrt(2.0)  # of the window's two reports
