@@ -99,6 +99,11 @@ def without_field(sample, _):
     return sample._replace(mag_gauss=ZERO_VEC3, has_mag=False)
 
 
+def everywhere(*field_ned):
+    """What changes a sample to one in this field, gauss."""
+    return lambda s, q: s._replace(mag_gauss=rotate_inverse(q, field_ned), has_mag=True)
+
+
 def errors_deg(flight, attitudes, begin_s=0.0, end_s=inf):
     """(N, 3) of the attitudes from one time to another."""
     times = np.array([s.time_us for s in flight.samples])

@@ -201,5 +201,4 @@ def begin_aiding(
         aided=aided,
         covariance=flat(covariance),
         velocity_history=flat(velocity_history),
-        search=core.search,
     )

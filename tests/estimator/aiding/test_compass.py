@@ -20,7 +20,7 @@ from estimator.conditioning.params import FORGET_S, LONG_S, MEMORY_S
 from estimator.estimator import Estimator
 from estimator.filter.alignment import align
 from estimator.geometry.metrics import angle_errors
-from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
+from estimator.geometry.quaternion import exp, multiply, scale
 from estimator.live.aided import conditioned_vectors
 from estimator.live.compass_check import judge_mounting
 from estimator.live.core import flat
@@ -35,6 +35,7 @@ from tests.flight import (
     calibrated,
     changed,
     errors_deg,
+    everywhere,
     flown,
     north_known,
     rms_deg,
@@ -74,10 +75,6 @@ def magnetised(*iron_gauss):
 def only_while(has_mag):
     """Samples whose magnetometer is there at some times (us)."""
     return lambda s, q: s if has_mag(s.time_us) else without_field(s, q)
-
-
-def everywhere(*field_ned):
-    return lambda s, q: s._replace(mag_gauss=rotate_inverse(q, field_ned), has_mag=True)
 
 
 def test_without_a_magnetometer_the_heading_comes_from_velocity(flight):

@@ -17,7 +17,6 @@ from estimator.geometry.earth import (
     in_ned,
     update_position,
 )
-from estimator.geometry.quaternion import rotate_inverse
 from estimator.profile import load_profile
 from tests.flight import (
     HEADING,
@@ -26,6 +25,7 @@ from tests.flight import (
     banked_flight,
     calibrated,
     changed,
+    everywhere,
     flown,
     rms_deg,
 )
@@ -146,10 +146,7 @@ def test_the_field_falls_off_with_altitude_in_metres():
 def flight_at(place, seed=0):
     """The flight in the place's own field, towards true north."""
     field_ned = in_ned(field_at(*place, 0.0, UNIX_US))
-    return changed(
-        banked_flight(seed=seed),
-        lambda sample, q: sample._replace(mag_gauss=rotate_inverse(q, field_ned)),
-    )
+    return changed(banked_flight(seed=seed), everywhere(*field_ned))
 
 
 def new_estimator():

@@ -12,7 +12,7 @@ from estimator.aiding.search import EMPTY_SEARCH, Push, solve_with_field
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.estimator import Estimator
 from estimator.geometry.earth import field_at, in_ned
-from estimator.geometry.quaternion import exp, rotate_inverse
+from estimator.geometry.quaternion import exp
 from estimator.profile import load_profile
 from estimator.types import STANDARD_GRAVITY_M_S2
 from tests.flight import (
@@ -22,6 +22,7 @@ from tests.flight import (
     calibrated,
     changed,
     errors_deg,
+    everywhere,
     flown,
 )
 
@@ -32,10 +33,7 @@ SECOND = 50  # samples
 @pytest.fixture(scope="module")
 def flight():
     """Banked turns in Zurich's field."""
-    return changed(
-        banked_flight(40.0),
-        lambda sample, q: sample._replace(mag_gauss=rotate_inverse(q, FIELD_NED_GAUSS)),
-    )
+    return changed(banked_flight(40.0), everywhere(*FIELD_NED_GAUSS))
 
 
 def flown_in_zurich(flight, turn=None, at=0):
