@@ -17,10 +17,11 @@ import numpy as np
 from estimator.aiding.beginning import BEGIN_VELOCITY_SIGMA_M_S
 from estimator.aiding.course import STANDING, Rolled, fade_rolled, roll_on
 from estimator.aiding.types import Array, Report
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
-from estimator.conditioning.robust import HEADING_REACH_RAD
+from estimator.conditioning.robust import HEADING_REACH_RAD, REACH
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import (
     add,
@@ -53,7 +54,9 @@ class Window(NamedTuple):
     first_force_m_s2: Vec3 = ZERO_VEC3  # the specific force when the window began, in G
     time_s: float = 0.0  # since the window began
     velocity_ned_m_s: Vec3 = ZERO_VEC3  # by the report that opened it
+    is_late: bool = False  # whether the age of that report is uncertain
     is_open: bool = False  # until the first report
+    shows_early: bool = False  # what it has measured so far, at each report
 
 
 class Push(NamedTuple):
@@ -89,6 +92,9 @@ class Search(NamedTuple):
 
 
 EMPTY_SEARCH = Search()
+# Behind a hole in the stream, or once the aiding has been given up, anything is better than what is
+# known. Of a vehicle that has just been met this is not so: most stand.
+SEARCH_ANEW = Search(Window(shows_early=True))
 
 
 class Solution(NamedTuple):
@@ -129,7 +135,9 @@ def open_window(window: Window, report: Report, behind_s: float) -> Window:
         first_force_m_s2=force,
         time_s=behind_s,
         velocity_ned_m_s=report.velocity_ned_m_s,
+        is_late=report.late_sigma_s > 0.0,
         is_open=True,
+        shows_early=window.shows_early and not window.is_open,
     )
 
 
@@ -137,7 +145,7 @@ def open_window(window: Window, report: Report, behind_s: float) -> Window:
 def add_report(
     search: Search, report: Report, q_g_frd: Quaternion, down_frd: Vec3
 ) -> tuple[Search, bool]:
-    """Take a report; the second value shows whether it has closed a window.
+    """Take a report; the second value says whether it has closed a window, or the first one so far.
 
     The report shows the velocity ``ago_s`` before the last sample, or as much earlier as its age is
     uncertain. ``down_frd`` is the assumed down in the body's axes.
@@ -150,13 +158,19 @@ def add_report(
         return Search(opened, search.evidence), False
     if time_s > ACCELERATION_LASTS_S:
         return Search(opened, fade(search.evidence, time_s / MEMORY_S, time_s)), False
-    if time_s < SPAN_S:
+    is_alike = (report.late_sigma_s > 0.0) == window.is_late
+    if time_s < SPAN_S and not (window.shows_early and is_alike and time_s > 0.0):
         return search, False
     change = subtract(report.velocity_ned_m_s, window.velocity_ned_m_s)
     vertical = change[2] if report.has_vertical else 0.0
     a = (change[0], change[1], vertical - STANDARD_GRAVITY_M_S2 * time_s)
     b = subtract(window.pushed_m_s, opened.pushed_m_s)
     swing = subtract(window.force_m_s2, window.first_force_m_s2)
+    if time_s < SPAN_S:
+        shown = search.evidence._replace(
+            late_sigma_s=report.late_sigma_s, latest=Push(a, b, swing)
+        )
+        return Search(window, shown), True
     before = fade(search.evidence, time_s / MEMORY_S, time_s)
     evidence = Evidence(
         correlation=add_scaled(before.correlation, 1.0, outer(a, b)),
@@ -219,7 +233,8 @@ def solve_with_field(
     change, force, swing = evidence.latest
     size, expected = norm(change), angle_between_vectors(change, field_ned)
     off_rad = abs(angle_between_vectors(force, field_g) - expected)
-    fits = off_rad <= NORM_SCALE and abs(norm(force) - size) <= NORM_SCALE * size
+    scatter = max(NORM_SCALE, REACH * sigma_m_s / max(size, TINY))
+    fits = off_rad <= scatter and abs(norm(force) - size) <= scatter * size
     if not fits:  # so it is, too, where one is no number
         return None
     weight = (sigma_m_s / sigma_rad) ** 2

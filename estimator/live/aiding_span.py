@@ -20,6 +20,7 @@ from estimator.geometry.quaternion import (
     angle_between_vectors,
     conjugate,
     multiply,
+    norm,
     rotate,
 )
 from estimator.live.aided import is_worse
@@ -32,6 +33,7 @@ from estimator.live.starts import (
     iron_sigma_gauss,
     is_better,
     judge_field,
+    push_sigma_m_s,
     start_level,
     unaided_sigma,
     verticals_apart,
@@ -95,7 +97,7 @@ def reacquire(state: State, report: Report) -> bool:
     start = find_start_by_both(state, now, report)
     if start is None:
         return False
-    if is_contradicted(now, start):
+    if is_contradicted(state, now, start, report):
         # earlier windows belong to another G
         anew = now._replace(search=Search(now.search.window), consistency=NEW_CONSISTENCY)
         state.set_core(anew)
@@ -108,20 +110,28 @@ def reacquire(state: State, report: Report) -> bool:
     return False
 
 
-def is_contradicted(now: Core, start: Start) -> bool:
+def is_contradicted(state: State, now: Core, start: Start, report: Report) -> bool:
     """Whether the aided attitude is another one than velocity and field show together.
 
-    The search begins anew behind a hole, so that its first window depends on nothing before, and is
-    believed where it is known better. Else the push has to contradict the attitude: a compass that
-    is turned does not move it.
+    The search begins anew behind a hole, so that its first window depends on nothing before: as
+    long as it is open, the push contradicts by more than its own error, and once it has closed, it
+    is believed where it is known better. Else the push has to contradict the attitude by more than
+    usual errors: a compass that is turned does not move it. What contradicts the attitude of wheels
+    may be the velocity.
     """
+    aiding = state.settings.aiding
     q, evidence = now.aided.estimate.q_ned_frd, now.search.evidence
     if evidence.windows == 1.0:
         is_apart = angle_between(start.q_ned_frd, q) > REACH * hypot(*start.sigma)
         return is_apart and is_better(start.sigma, inflated(now.aided.sigma, now.consistency))
-    q_ned_g = multiply(q, conjugate(now.gathered.q_g_frd))
     change, force, _ = evidence.latest
-    return angle_between_vectors(rotate(q_ned_g, force), change) > REACH * NORM_SCALE
+    sigma_rad = NORM_SCALE
+    if evidence.windows == 0.0:
+        sigma_rad = push_sigma_m_s(aiding, evidence.latest, report) / norm(change)
+    elif rolls(aiding):
+        return False
+    q_ned_g = multiply(q, conjugate(now.gathered.q_g_frd))
+    return angle_between_vectors(rotate(q_ned_g, force), change) > REACH * sigma_rad
 
 
 def give_up(state: State) -> None:

@@ -10,7 +10,7 @@ from estimator.aiding.compass import Compass
 from estimator.aiding.consistency import NEW_CONSISTENCY, Consistency
 from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.phase import Phase
-from estimator.aiding.search import EMPTY_SEARCH, Search
+from estimator.aiding.search import EMPTY_SEARCH, SEARCH_ANEW, Search
 from estimator.aiding.types import HARD_IRON, SIZE, AidingState
 from estimator.aiding.velocity_history import COLUMNS
 from estimator.arrays import Floats
@@ -105,7 +105,7 @@ def without_aiding(settings: Settings, now: Core) -> Core:
         consistency=blank.consistency,
         covariance=blank.covariance,
         velocity_history=blank.velocity_history,
-        search=blank.search,
+        search=SEARCH_ANEW,
     )
 
 

@@ -7,9 +7,9 @@ import numpy as np
 from estimator.aiding import compass
 from estimator.aiding.beginning import Start
 from estimator.aiding.course import forward_evidence, level_ahead, tilt_error_rad
-from estimator.aiding.search import UNKNOWN_RAD, Solution, solve, solve_with_field
+from estimator.aiding.search import UNKNOWN_RAD, Push, Solution, solve, solve_with_field
 from estimator.aiding.sources.wheels import rolls
-from estimator.aiding.types import Report, Sigmas
+from estimator.aiding.types import AidingParams, Report, Sigmas
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import NORM_SCALE, horizontal_down
 from estimator.conditioning.params import LATELY_S, SPAN_S
@@ -79,8 +79,7 @@ def find_start_by_both(state: State, now: Core, report: Report) -> Start | None:
         return None
     if not report.has_vertical or not state.compass_is_usable:
         return None
-    sigma_m_s = aiding.receiver_noise_m_s * max(1.0, report.sigma_m_s / aiding.report_sigma_m_s)
-    sigma_m_s *= sqrt(2.0)  # of the window's two reports
+    sigma_m_s = push_sigma_m_s(aiding, now.search.evidence.latest, report)
     iron_gauss = iron_sigma_gauss(state, now)
     field_rad = max(NORM_SCALE, iron_gauss / norm(place))
     of_g = solve_with_field(now.search.evidence, sigma_m_s, place, events.jump.quick, field_rad)
@@ -92,6 +91,13 @@ def find_start_by_both(state: State, now: Core, report: Report) -> Start | None:
         heading_sigma_rad=max(start.heading_sigma_rad, iron_gauss * per_gauss),
         turned_by_iron_1_gauss=scale(per_gauss, east),
     )
+
+
+def push_sigma_m_s(aiding: AidingParams, push: Push, report: Report) -> float:
+    """How far the window's two reports, and the IMU's age, may put its change of velocity off."""
+    scale_ = max(1.0, report.sigma_m_s / aiding.report_sigma_m_s)
+    by_reports = sqrt(2.0) * scale_ * aiding.receiver_noise_m_s
+    return hypot(by_reports, aiding.imu_lag_s * norm(push.swing_g_m_s2))
 
 
 def start_from(of_g: Solution, now: Core) -> Start:

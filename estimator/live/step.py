@@ -4,7 +4,7 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 from estimator.aiding.consistency import compare, compare_report, watch
-from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
+from estimator.aiding.search import SEARCH_ANEW, add_report, add_sample
 from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.step import aid, take_late_report
@@ -251,8 +251,8 @@ def due_reports(handle: Any, time_us: int, dt_s: float) -> tuple[Report, Report]
 @inlined
 def search_on(handle: Any, acc: Vec3, dt_s: float) -> None:
     """Follow the force for the search by velocity, if that has begun."""
-    if dt_s > SPAN_S:  # how the vehicle has turned meanwhile is not known
-        handle.search = EMPTY_SEARCH
+    if dt_s > SPAN_S:
+        handle.search = SEARCH_ANEW
     elif handle.search.window.is_open:
         q_g_frd, aliasing = handle.gathered.q_g_frd, handle.conditioning.vertical.tilt.aliasing
         handle.search = add_sample(handle.search, q_g_frd, acc, dt_s, aliasing)
