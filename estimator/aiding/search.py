@@ -92,8 +92,8 @@ class Search(NamedTuple):
 
 
 EMPTY_SEARCH = Search()
-# Behind a hole in the stream, or once the aiding has been given up, anything is better than what is
-# known. Of a vehicle that has just been met this is not so: most stand.
+# Behind a hole in the stream nothing is known that this second's reports do not show better. Of a
+# vehicle that has just been met more is known: most stand.
 SEARCH_ANEW = Search(Window(shows_early=True))
 
 
@@ -167,9 +167,7 @@ def add_report(
     b = subtract(window.pushed_m_s, opened.pushed_m_s)
     swing = subtract(window.force_m_s2, window.first_force_m_s2)
     if time_s < SPAN_S:
-        shown = search.evidence._replace(
-            late_sigma_s=report.late_sigma_s, latest=Push(a, b, swing)
-        )
+        shown = search.evidence._replace(late_sigma_s=report.late_sigma_s, latest=Push(a, b, swing))
         return Search(window, shown), True
     before = fade(search.evidence, time_s / MEMORY_S, time_s)
     evidence = Evidence(
@@ -221,34 +219,51 @@ def outer(a: Vec3, b: Vec3) -> Matrix:
     return scale(a[0], b), scale(a[1], b), scale(a[2], b)
 
 
-def solve_with_field(
-    evidence: Evidence, sigma_m_s: float, field_ned: Vec3, field_g: Vec3, sigma_rad: float
-) -> Solution | None:
+class PushAndField(NamedTuple):
+    """Two vectors that show the attitude of G at once, each in NED and in G, and their errors."""
+
+    push: Push  # of the last window
+    sigma_m_s: float  # of its change of velocity
+    late_sigma_s: float  # uncertainty of the age of the reports, or of the samples
+    field_ned: Vec3  # of the place, any unit
+    field_g: Vec3  # as seen, any unit
+    sigma_rad: float  # of its direction
+
+
+def solve_with_field(seen: PushAndField) -> Solution | None:
     """The attitude of G by the last window and the field of the place.
 
-    ``sigma_m_s`` is that of a change of velocity, ``sigma_rad`` that of the field's direction. If
-    the angle between the two, or the size of the push, is not as expected, one of them is wrong,
+    If the angle between the two, or the size of the push, is not as expected, one of them is wrong,
     and nothing is returned.
     """
-    change, force, swing = evidence.latest
-    size, expected = norm(change), angle_between_vectors(change, field_ned)
-    off_rad = abs(angle_between_vectors(force, field_g) - expected)
-    scatter = max(NORM_SCALE, REACH * sigma_m_s / max(size, TINY))
+    change, force, swing = seen.push
+    size, expected = norm(change), angle_between_vectors(change, seen.field_ned)
+    off_rad = abs(angle_between_vectors(force, seen.field_g) - expected)
+    scatter = max(NORM_SCALE, REACH * seen.sigma_m_s / max(size, TINY))
     fits = off_rad <= scatter and abs(norm(force) - size) <= scatter * size
     if not fits:  # so it is, too, where one is no number
         return None
-    weight = (sigma_m_s / sigma_rad) ** 2
-    B = np.outer(change, force) + weight * np.outer(unit(field_ned), unit(field_g))
+    weight = (seen.sigma_m_s / seen.sigma_rad) ** 2
+    B = np.outer(change, force) + weight * np.outer(unit(seen.field_ned), unit(seen.field_g))
     R = nearest_rotation(B)
     M = _information(B @ R.T)
-    if float(np.linalg.eigvalsh(M)[0]) * HEADING_REACH_RAD**2 <= sigma_m_s**2:
+    if float(np.linalg.eigvalsh(M)[0]) * HEADING_REACH_RAD**2 <= seen.sigma_m_s**2:
         return None  # the two are nearly parallel
     inverse = np.linalg.inv(M)
-    by_age = evidence.late_sigma_s * (inverse @ R @ np.array(cross(force, swing)))
-    north, east, down = np.sqrt(sigma_m_s**2 * np.diag(inverse) + by_age**2).tolist()
+    by_age = seen.late_sigma_s * (inverse @ R @ np.array(cross(force, swing)))
+    north, east, down = np.sqrt(seen.sigma_m_s**2 * np.diag(inverse) + by_age**2).tolist()
     tilt = max(north, east)
     is_known = hypot(tilt, down) < HEADING_REACH_RAD
     return Solution(quaternion_from_matrix(R), down, tilt) if is_known else None
+
+
+def misfit(seen: PushAndField, q_ned_g: Quaternion) -> float:
+    """By how many sigmas push or field is off, whichever is farther, if G had this attitude."""
+    change, force, swing = seen.push
+    push_rad = angle_between_vectors(rotate(q_ned_g, force), change)
+    field_rad = angle_between_vectors(rotate(q_ned_g, seen.field_g), seen.field_ned)
+    sigma_m_s = hypot(seen.sigma_m_s, seen.late_sigma_s * norm(swing))
+    return max(push_rad * norm(change) / sigma_m_s, field_rad / seen.sigma_rad)
 
 
 def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:

@@ -7,7 +7,7 @@ from estimator.aiding.acceleration_tilt import explains_acceleration
 from estimator.aiding.beginning import Start, begin, inflate_covariance, lag_variance
 from estimator.aiding.consistency import NEW_CONSISTENCY, inflated
 from estimator.aiding.phase import Cause
-from estimator.aiding.search import UNKNOWN_RAD, Search
+from estimator.aiding.search import UNKNOWN_RAD, PushAndField, Search, misfit
 from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import IMU_LAG, NO_REPORT, Report, Sigmas
@@ -16,11 +16,9 @@ from estimator.conditioning.params import LONG_S
 from estimator.conditioning.rate import slow_share
 from estimator.conditioning.robust import REACH
 from estimator.geometry.quaternion import (
-    angle_between,
     angle_between_vectors,
     conjugate,
     multiply,
-    norm,
     rotate,
 )
 from estimator.live.aided import is_worse
@@ -33,7 +31,7 @@ from estimator.live.starts import (
     iron_sigma_gauss,
     is_better,
     judge_field,
-    push_sigma_m_s,
+    see_push_and_field,
     start_level,
     unaided_sigma,
     verticals_apart,
@@ -53,7 +51,8 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
     follows_unaided = has_heading
     if start is None and state.core.search(report):
         now = state.core.core
-        start = find_start_by_both(state, now, report)
+        seen = see_push_and_field(state, now, report)
+        start = None if seen is None else find_start_by_both(state, now, seen)
         if start is not None and is_better(start.sigma, unaided_sigma(state, now)):
             follows_unaided = False
         else:
@@ -90,48 +89,33 @@ def reacquire(state: State, report: Report) -> bool:
 
     This happens after a turn that the gyroscope has missed, and after a hole in the stream. Such an
     error is too large for small corrections, which have put it into the sensors' errors meanwhile:
-    these are void, too. If the aided attitude is right, and the filter that follows it is far off,
-    only the filter is moved. Returns whether something was changed.
+    these are void, too. Returns whether it has begun anew.
     """
     now = state.core.core
-    start = find_start_by_both(state, now, report)
-    if start is None:
+    seen = see_push_and_field(state, now, report)
+    start = None if seen is None else find_start_by_both(state, now, seen)
+    if seen is None or start is None or not is_contradicted(state, now, seen):
         return False
-    if is_contradicted(state, now, start, report):
-        # earlier windows belong to another G
-        anew = now._replace(search=Search(now.search.window), consistency=NEW_CONSISTENCY)
-        state.set_core(anew)
-        set_out(state, start, report, has_heading=False)
-        return True
-    q = now.aided.estimate.q_ned_frd
-    if angle_between(now.filter.q_ned_frd, q) > REACH * hypot(*start.sigma):
-        state.set_core(with_attitude(now, q))
-        return True
-    return False
+    # earlier windows belong to another G
+    state.set_core(now._replace(search=Search(now.search.window), consistency=NEW_CONSISTENCY))
+    set_out(state, start, report, has_heading=False)
+    return True
 
 
-def is_contradicted(state: State, now: Core, start: Start, report: Report) -> bool:
+def is_contradicted(state: State, now: Core, seen: PushAndField) -> bool:
     """Whether the aided attitude is another one than velocity and field show together.
 
-    The search begins anew behind a hole, so that its first window depends on nothing before: as
-    long as it is open, the push contradicts by more than its own error, and once it has closed, it
-    is believed where it is known better. Else the push has to contradict the attitude by more than
-    usual errors: a compass that is turned does not move it. What contradicts the attitude of wheels
-    may be the velocity.
+    The search begins anew behind a hole, so that its first window depends on nothing before: more
+    than its errors contradicts. Else the push has to contradict by more than usual errors, as a
+    compass that is turned does not move it. What contradicts wheels may be the velocity.
     """
-    aiding = state.settings.aiding
-    q, evidence = now.aided.estimate.q_ned_frd, now.search.evidence
-    if evidence.windows == 1.0:
-        is_apart = angle_between(start.q_ned_frd, q) > REACH * hypot(*start.sigma)
-        return is_apart and is_better(start.sigma, inflated(now.aided.sigma, now.consistency))
-    change, force, _ = evidence.latest
-    sigma_rad = NORM_SCALE
-    if evidence.windows == 0.0:
-        sigma_rad = push_sigma_m_s(aiding, evidence.latest, report) / norm(change)
-    elif rolls(aiding):
+    q_ned_g = multiply(now.aided.estimate.q_ned_frd, conjugate(now.gathered.q_g_frd))
+    if now.search.evidence.windows <= 1.0:
+        return misfit(seen, q_ned_g) > REACH
+    if rolls(state.settings.aiding):
         return False
-    q_ned_g = multiply(q, conjugate(now.gathered.q_g_frd))
-    return angle_between_vectors(rotate(q_ned_g, force), change) > REACH * sigma_rad
+    change, force, _ = seen.push
+    return angle_between_vectors(rotate(q_ned_g, force), change) > REACH * NORM_SCALE
 
 
 def give_up(state: State) -> None:

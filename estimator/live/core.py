@@ -105,7 +105,7 @@ def without_aiding(settings: Settings, now: Core) -> Core:
         consistency=blank.consistency,
         covariance=blank.covariance,
         velocity_history=blank.velocity_history,
-        search=SEARCH_ANEW,
+        search=SEARCH_ANEW if now.search.window.shows_early else EMPTY_SEARCH,
     )
 
 

@@ -7,9 +7,15 @@ import numpy as np
 from estimator.aiding import compass
 from estimator.aiding.beginning import Start
 from estimator.aiding.course import forward_evidence, level_ahead, tilt_error_rad
-from estimator.aiding.search import UNKNOWN_RAD, Push, Solution, solve, solve_with_field
+from estimator.aiding.search import (
+    UNKNOWN_RAD,
+    PushAndField,
+    Solution,
+    solve,
+    solve_with_field,
+)
 from estimator.aiding.sources.wheels import rolls
-from estimator.aiding.types import AidingParams, Report, Sigmas
+from estimator.aiding.types import Report, Sigmas
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import NORM_SCALE, horizontal_down
 from estimator.conditioning.params import LATELY_S, SPAN_S
@@ -65,39 +71,42 @@ def find_start_by_field(state: State) -> Start | None:
     return start if start.heading_sigma_rad < most_field_sigma_rad(state.settings, now) else None
 
 
-def find_start_by_both(state: State, now: Core, report: Report) -> Start | None:
-    """The attitude by the last window's push and the place's field, whatever it was before.
+def see_push_and_field(state: State, now: Core, report: Report) -> PushAndField | None:
+    """The last window's push and the place's field, if both may show the attitude.
 
     It needs a gyroscope that nothing contradicts, a stream fast enough to follow that second, and a
     report that shows the vertical part.
     """
     aiding, place = state.settings.aiding, state.settings.reference.place_gauss
-    events = now.conditioning.events
+    events, evidence = now.conditioning.events, now.search.evidence
     is_carried = slow_share(now.sample.dt_s) == 0.0 and events.axes.since_s >= LATELY_S
     is_seen = now.seen.has_heading and now.conditioning.field.magnetic.wait_s < SPAN_S
     if not is_carried or not is_seen or not state.knows_north or norm(place) == 0.0:
         return None
     if not report.has_vertical or not state.compass_is_usable:
         return None
-    sigma_m_s = push_sigma_m_s(aiding, now.search.evidence.latest, report)
-    iron_gauss = iron_sigma_gauss(state, now)
-    field_rad = max(NORM_SCALE, iron_gauss / norm(place))
-    of_g = solve_with_field(now.search.evidence, sigma_m_s, place, events.jump.quick, field_rad)
-    if of_g is None:
-        return None
-    start, per_gauss = start_from(of_g, now), 1.0 / max(horizontal_down(place)[0], TINY)
-    east = rotate_inverse(start.q_ned_frd, (0.0, 1.0, 0.0))
-    return start._replace(
-        heading_sigma_rad=max(start.heading_sigma_rad, iron_gauss * per_gauss),
-        turned_by_iron_1_gauss=scale(per_gauss, east),
+    sigma_m_s = aiding.receiver_noise_m_s * max(1.0, report.sigma_m_s / aiding.report_sigma_m_s)
+    return PushAndField(
+        push=evidence.latest,
+        sigma_m_s=sqrt(2.0) * sigma_m_s,  # of the window's two reports
+        late_sigma_s=hypot(evidence.late_sigma_s, aiding.imu_lag_s),
+        field_ned=place,
+        field_g=events.jump.quick,
+        sigma_rad=max(NORM_SCALE, iron_sigma_gauss(state, now) / norm(place)),
     )
 
 
-def push_sigma_m_s(aiding: AidingParams, push: Push, report: Report) -> float:
-    """How far the window's two reports, and the IMU's age, may put its change of velocity off."""
-    scale_ = max(1.0, report.sigma_m_s / aiding.report_sigma_m_s)
-    by_reports = sqrt(2.0) * scale_ * aiding.receiver_noise_m_s
-    return hypot(by_reports, aiding.imu_lag_s * norm(push.swing_g_m_s2))
+def find_start_by_both(state: State, now: Core, seen: PushAndField) -> Start | None:
+    """The attitude by the last window's push and the place's field, whatever it was before."""
+    of_g = solve_with_field(seen)
+    if of_g is None:
+        return None
+    start, per_gauss = start_from(of_g, now), 1.0 / max(horizontal_down(seen.field_ned)[0], TINY)
+    east = rotate_inverse(start.q_ned_frd, (0.0, 1.0, 0.0))
+    return start._replace(
+        heading_sigma_rad=max(start.heading_sigma_rad, iron_sigma_gauss(state, now) * per_gauss),
+        turned_by_iron_1_gauss=scale(per_gauss, east),
+    )
 
 
 def start_from(of_g: Solution, now: Core) -> Start:

@@ -44,6 +44,13 @@ def test_a_magnet_beside_a_hover_shows_no_unsensed_turn():
     assert found.heading.rms_deg == pytest.approx(2.15, rel=0.2)  # 24 if it passes for one
 
 
+@pytest.mark.parametrize("motion", ["slalom 12", "slalom 20", "circle"])
+def test_a_velocity_that_turns_does_not_tilt_wheels(motion):
+    """Velocity and field together are no attitude of theirs, but behind a hole."""
+    found = judge(Case(motion, Fault("velocity turned", 0, 90.0)))
+    assert found.inclination.rms_deg < 2.0  # 8 to 23 if they are
+
+
 @pytest.mark.parametrize("motion", ["still", "hover", "coasting turn"])
 @pytest.mark.parametrize("fault", [*TURNED, IRON], ids=str)
 def test_a_vehicle_that_hardly_moves_is_not_sure_of_a_wrong_heading(motion, fault):

@@ -4,7 +4,7 @@ import pytest
 
 from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.phase import Cause, Phase, after
-from estimator.aiding.search import EMPTY_SEARCH
+from estimator.aiding.search import EMPTY_SEARCH, SEARCH_ANEW
 from estimator.conditioning.params import LONG_S
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, rotate
@@ -94,7 +94,7 @@ def test_without_a_field_it_is_searched_for_and_a_gap_ends_the_search(flight):
     assert broken.estimator.snapshot.context.phase is Phase.SEARCHING
     broken.pause(6.0).fly(0.04, reports=False)
     assert broken.phases[-1] is Phase.UNAIDED
-    assert broken.estimator.snapshot.core.search == EMPTY_SEARCH
+    assert broken.estimator.snapshot.core.search == SEARCH_ANEW
 
 
 def test_reports_that_stay_away_end_it():
