@@ -20,7 +20,12 @@ from estimator.aiding.types import Array, Report
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import NORM_SCALE
-from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
+from estimator.conditioning.params import (
+    ACCELERATION_LASTS_S,
+    LONGEST_STEP_S,
+    MEMORY_S,
+    SPAN_S,
+)
 from estimator.conditioning.robust import HEADING_REACH_RAD, REACH
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import (
@@ -54,17 +59,18 @@ class Window(NamedTuple):
     first_force_m_s2: Vec3 = ZERO_VEC3  # the specific force when the window began, in G
     time_s: float = 0.0  # since the window began
     velocity_ned_m_s: Vec3 = ZERO_VEC3  # by the report that opened it
-    is_late: bool = False  # whether the age of that report is uncertain
+    late_sigma_s: float = 0.0  # uncertainty of the age of that report
     is_open: bool = False  # until the first report
-    shows_early: bool = False  # what it has measured so far, at each report
+    is_behind_hole: bool = False  # the first one behind a hole in the stream
 
 
 class Push(NamedTuple):
-    """What one closed window has shown."""
+    """What one window has shown, or the first one behind a hole so far."""
 
     change_ned_m_s: Vec3 = ZERO_VEC3  # of velocity, without gravity
     force_g_m_s: Vec3 = ZERO_VEC3  # the specific force, integrated, in G
     swing_g_m_s2: Vec3 = ZERO_VEC3  # from the first specific force to the last, in G
+    is_behind_hole: bool = False  # it depends on nothing before a hole in the stream
 
 
 class Evidence(NamedTuple):
@@ -81,7 +87,7 @@ class Evidence(NamedTuple):
     windows: float = 0.0  # how many, older ones in part
     rolled: Rolled = STANDING  # where that goes by its course
     late_sigma_s: float = 0.0  # uncertainty of the reports' age
-    latest: Push = Push()  # the last window itself
+    latest: Push = Push()  # what was shown last
 
 
 class Search(NamedTuple):
@@ -92,9 +98,9 @@ class Search(NamedTuple):
 
 
 EMPTY_SEARCH = Search()
-# Behind a hole in the stream nothing is known that this second's reports do not show better. Of a
-# vehicle that has just been met more is known: most stand.
-SEARCH_ANEW = Search(Window(shows_early=True))
+# Behind a hole in the stream the attitude may be off by any angle, so the first window shows it at
+# each report.
+SEARCH_ANEW = Search(Window(is_behind_hole=True))
 
 
 class Solution(NamedTuple):
@@ -135,9 +141,23 @@ def open_window(window: Window, report: Report, behind_s: float) -> Window:
         first_force_m_s2=force,
         time_s=behind_s,
         velocity_ned_m_s=report.velocity_ned_m_s,
-        is_late=report.late_sigma_s > 0.0,
+        late_sigma_s=report.late_sigma_s,
         is_open=True,
-        shows_early=window.shows_early and not window.is_open,
+        is_behind_hole=window.is_behind_hole and not window.is_open,
+    )
+
+
+@inlined
+def push_by(window: Window, opened: Window, report: Report) -> Push:
+    """What the window shows up to the report that would open the next one."""
+    time_s = window.time_s - opened.time_s
+    change = subtract(report.velocity_ned_m_s, window.velocity_ned_m_s)
+    vertical = change[2] if report.has_vertical else 0.0
+    return Push(
+        change_ned_m_s=(change[0], change[1], vertical - STANDARD_GRAVITY_M_S2 * time_s),
+        force_g_m_s=subtract(window.pushed_m_s, opened.pushed_m_s),
+        swing_g_m_s2=subtract(window.force_m_s2, window.first_force_m_s2),
+        is_behind_hole=window.is_behind_hole,
     )
 
 
@@ -145,35 +165,34 @@ def open_window(window: Window, report: Report, behind_s: float) -> Window:
 def add_report(
     search: Search, report: Report, q_g_frd: Quaternion, down_frd: Vec3
 ) -> tuple[Search, bool]:
-    """Take a report; the second value says whether it has closed a window, or the first one so far.
+    """Take a report; whether ``latest`` is new: by a window that has closed, or behind a hole.
 
     The report shows the velocity ``ago_s`` before the last sample, or as much earlier as its age is
     uncertain. ``down_frd`` is the assumed down in the body's axes.
     """
-    window = search.window
+    window, before = search
     behind_s = report.ago_s + report.late_sigma_s
     time_s = window.time_s - behind_s
     opened = open_window(window, report, behind_s)
     if not window.is_open:
-        return Search(opened, search.evidence), False
+        is_within_hole = window.is_behind_hole and behind_s > LONGEST_STEP_S
+        return Search(window if is_within_hole else opened, before), False
     if time_s > ACCELERATION_LASTS_S:
-        return Search(opened, fade(search.evidence, time_s / MEMORY_S, time_s)), False
-    is_alike = (report.late_sigma_s > 0.0) == window.is_late
-    if time_s < SPAN_S and not (window.shows_early and is_alike and time_s > 0.0):
+        return Search(opened, fade(before, time_s / MEMORY_S, time_s)), False
+    is_alike = (report.late_sigma_s > 0.0) == (window.late_sigma_s > 0.0)
+    shows_early = window.is_behind_hole and is_alike and time_s > 0.0
+    if time_s < SPAN_S and not shows_early:
         return search, False
-    change = subtract(report.velocity_ned_m_s, window.velocity_ned_m_s)
-    vertical = change[2] if report.has_vertical else 0.0
-    a = (change[0], change[1], vertical - STANDARD_GRAVITY_M_S2 * time_s)
-    b = subtract(window.pushed_m_s, opened.pushed_m_s)
-    swing = subtract(window.force_m_s2, window.first_force_m_s2)
+    push = push_by(window, opened, report)
+    late_sigma_s = max(before.late_sigma_s, window.late_sigma_s, report.late_sigma_s)
     if time_s < SPAN_S:
-        shown = search.evidence._replace(late_sigma_s=report.late_sigma_s, latest=Push(a, b, swing))
-        return Search(window, shown), True
-    before = fade(search.evidence, time_s / MEMORY_S, time_s)
+        return Search(window, before._replace(latest=push, late_sigma_s=late_sigma_s)), True
+    a, b = push.change_ned_m_s, push.force_g_m_s
+    before = fade(before, time_s / MEMORY_S, time_s)
     evidence = Evidence(
         correlation=add_scaled(before.correlation, 1.0, outer(a, b)),
         aged=add_scaled(before.aged, 0.5 * time_s, outer(a, b)),
-        lagging=add(before.lagging, cross(b, swing)),
+        lagging=add(before.lagging, cross(b, push.swing_g_m_s2)),
         squares=before.squares + dot(a, a) + dot(b, b),
         windows=before.windows + 1.0,
         rolled=roll_on(
@@ -185,8 +204,8 @@ def add_report(
             rotate_inverse(q_g_frd, b),
             down_frd,
         ),
-        late_sigma_s=max(before.late_sigma_s, report.late_sigma_s),
-        latest=Push(a, b, swing),
+        late_sigma_s=late_sigma_s,
+        latest=push,
     )
     return Search(opened, evidence), True
 
@@ -220,14 +239,14 @@ def outer(a: Vec3, b: Vec3) -> Matrix:
 
 
 class PushAndField(NamedTuple):
-    """Two vectors that show the attitude of G at once, each in NED and in G, and their errors."""
+    """Two vectors that show the attitude of G at once, each in NED and in G, and their sigmas."""
 
-    push: Push  # of the last window
-    sigma_m_s: float  # of its change of velocity
-    late_sigma_s: float  # uncertainty of the age of the reports, or of the samples
+    push: Push  # what the search has shown last
+    change_sigma_m_s: float  # of its change of velocity
+    late_sigma_s: float  # of the age of its reports and of the samples
     field_ned: Vec3  # of the place, any unit
     field_g: Vec3  # as seen, any unit
-    sigma_rad: float  # of its direction
+    field_sigma_rad: float  # of its direction
 
 
 def solve_with_field(seen: PushAndField) -> Solution | None:
@@ -236,34 +255,34 @@ def solve_with_field(seen: PushAndField) -> Solution | None:
     If the angle between the two, or the size of the push, is not as expected, one of them is wrong,
     and nothing is returned.
     """
-    change, force, swing = seen.push
+    change, force, swing, _ = seen.push
     size, expected = norm(change), angle_between_vectors(change, seen.field_ned)
     off_rad = abs(angle_between_vectors(force, seen.field_g) - expected)
-    scatter = max(NORM_SCALE, REACH * seen.sigma_m_s / max(size, TINY))
+    scatter = max(NORM_SCALE, REACH * seen.change_sigma_m_s / max(size, TINY))
     fits = off_rad <= scatter and abs(norm(force) - size) <= scatter * size
-    if not fits:  # so it is, too, where one is no number
+    if not fits:  # so it is, too, where the push is no number
         return None
-    weight = (seen.sigma_m_s / seen.sigma_rad) ** 2
+    weight = (seen.change_sigma_m_s / seen.field_sigma_rad) ** 2
     B = np.outer(change, force) + weight * np.outer(unit(seen.field_ned), unit(seen.field_g))
     R = nearest_rotation(B)
     M = _information(B @ R.T)
-    if float(np.linalg.eigvalsh(M)[0]) * HEADING_REACH_RAD**2 <= seen.sigma_m_s**2:
+    if float(np.linalg.eigvalsh(M)[0]) * HEADING_REACH_RAD**2 <= seen.change_sigma_m_s**2:
         return None  # the two are nearly parallel
     inverse = np.linalg.inv(M)
     by_age = seen.late_sigma_s * (inverse @ R @ np.array(cross(force, swing)))
-    north, east, down = np.sqrt(seen.sigma_m_s**2 * np.diag(inverse) + by_age**2).tolist()
+    north, east, down = np.sqrt(seen.change_sigma_m_s**2 * np.diag(inverse) + by_age**2).tolist()
     tilt = max(north, east)
     is_known = hypot(tilt, down) < HEADING_REACH_RAD
     return Solution(quaternion_from_matrix(R), down, tilt) if is_known else None
 
 
-def misfit(seen: PushAndField, q_ned_g: Quaternion) -> float:
-    """By how many sigmas push or field is off, whichever is farther, if G had this attitude."""
-    change, force, swing = seen.push
+def misfits(seen: PushAndField, q_ned_g: Quaternion) -> tuple[float, float]:
+    """By how many sigmas the push and the field point elsewhere, if that is G's attitude."""
+    change, force, swing, _ = seen.push
     push_rad = angle_between_vectors(rotate(q_ned_g, force), change)
     field_rad = angle_between_vectors(rotate(q_ned_g, seen.field_g), seen.field_ned)
-    sigma_m_s = hypot(seen.sigma_m_s, seen.late_sigma_s * norm(swing))
-    return max(push_rad * norm(change) / sigma_m_s, field_rad / seen.sigma_rad)
+    sigma_m_s = hypot(seen.change_sigma_m_s, seen.late_sigma_s * norm(swing))
+    return push_rad * norm(change) / sigma_m_s, field_rad / seen.field_sigma_rad
 
 
 def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:

@@ -7,7 +7,7 @@ from estimator.aiding.acceleration_tilt import explains_acceleration
 from estimator.aiding.beginning import Start, begin, inflate_covariance, lag_variance
 from estimator.aiding.consistency import NEW_CONSISTENCY, inflated
 from estimator.aiding.phase import Cause
-from estimator.aiding.search import UNKNOWN_RAD, PushAndField, Search, misfit
+from estimator.aiding.search import UNKNOWN_RAD, PushAndField, Search, misfits
 from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import IMU_LAG, NO_REPORT, Report, Sigmas
@@ -51,8 +51,7 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
     follows_unaided = has_heading
     if start is None and state.core.search(report):
         now = state.core.core
-        seen = see_push_and_field(state, now, report)
-        start = None if seen is None else find_start_by_both(state, now, seen)
+        start = find_start_by_both(state, now, see_push_and_field(state, now, report))
         if start is not None and is_better(start.sigma, unaided_sigma(state, now)):
             follows_unaided = False
         else:
@@ -93,8 +92,8 @@ def reacquire(state: State, report: Report) -> bool:
     """
     now = state.core.core
     seen = see_push_and_field(state, now, report)
-    start = None if seen is None else find_start_by_both(state, now, seen)
-    if seen is None or start is None or not is_contradicted(state, now, seen):
+    start = find_start_by_both(state, now, seen)
+    if seen is None or start is None or not is_contradicted(state, now, seen, start):
         return False
     # earlier windows belong to another G
     state.set_core(now._replace(search=Search(now.search.window), consistency=NEW_CONSISTENCY))
@@ -102,20 +101,22 @@ def reacquire(state: State, report: Report) -> bool:
     return True
 
 
-def is_contradicted(state: State, now: Core, seen: PushAndField) -> bool:
+def is_contradicted(state: State, now: Core, seen: PushAndField, start: Start) -> bool:
     """Whether the aided attitude is another one than velocity and field show together.
 
-    The search begins anew behind a hole, so that its first window depends on nothing before: more
-    than its errors contradicts. Else the push has to contradict by more than usual errors, as a
-    compass that is turned does not move it. What contradicts wheels may be the velocity.
+    Behind a hole that is so if the push misfits, or the field where the aided attitude is known
+    worse. Else the push has to misfit by more than usual errors, as a compass that is turned does
+    not move it; what contradicts wheels may be the velocity.
     """
     q_ned_g = multiply(now.aided.estimate.q_ned_frd, conjugate(now.gathered.q_g_frd))
-    if now.search.evidence.windows <= 1.0:
-        return misfit(seen, q_ned_g) > REACH
+    if seen.push.is_behind_hole:
+        by_push, by_field = misfits(seen, q_ned_g)
+        is_known_better = is_better(start.sigma, inflated(now.aided.sigma, now.consistency))
+        return by_push > REACH or (by_field > REACH and is_known_better)
     if rolls(state.settings.aiding):
         return False
-    change, force, _ = seen.push
-    return angle_between_vectors(rotate(q_ned_g, force), change) > REACH * NORM_SCALE
+    force = rotate(q_ned_g, seen.push.force_g_m_s)
+    return angle_between_vectors(force, seen.push.change_ned_m_s) > REACH * NORM_SCALE
 
 
 def give_up(state: State) -> None:

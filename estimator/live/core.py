@@ -96,7 +96,8 @@ def flat(covariance: Floats) -> tuple[float, ...]:
 def without_aiding(settings: Settings, now: Core) -> Core:
     """The core with the aiding blank, for when velocity does not help.
 
-    What wheels have shown of the compass stays, unless they contradict it.
+    What wheels have shown of the compass stays, unless they contradict it. So does that the search
+    begins behind a hole.
     """
     blank = initial_core(settings)
     wheels = blank.aided.wheels if now.aided.wheels.contradict else now.aided.wheels
@@ -105,7 +106,7 @@ def without_aiding(settings: Settings, now: Core) -> Core:
         consistency=blank.consistency,
         covariance=blank.covariance,
         velocity_history=blank.velocity_history,
-        search=SEARCH_ANEW if now.search.window.shows_early else EMPTY_SEARCH,
+        search=SEARCH_ANEW if now.search.window.is_behind_hole else EMPTY_SEARCH,
     )
 
 

@@ -88,18 +88,18 @@ def see_push_and_field(state: State, now: Core, report: Report) -> PushAndField 
     sigma_m_s = aiding.receiver_noise_m_s * max(1.0, report.sigma_m_s / aiding.report_sigma_m_s)
     return PushAndField(
         push=evidence.latest,
-        sigma_m_s=sqrt(2.0) * sigma_m_s,  # of the window's two reports
+        change_sigma_m_s=sqrt(2.0) * sigma_m_s,  # of the window's two reports
         late_sigma_s=hypot(evidence.late_sigma_s, aiding.imu_lag_s),
         field_ned=place,
         field_g=events.jump.quick,
-        sigma_rad=max(NORM_SCALE, iron_sigma_gauss(state, now) / norm(place)),
+        field_sigma_rad=max(NORM_SCALE, iron_sigma_gauss(state, now) / norm(place)),
     )
 
 
-def find_start_by_both(state: State, now: Core, seen: PushAndField) -> Start | None:
-    """The attitude by the last window's push and the place's field, whatever it was before."""
-    of_g = solve_with_field(seen)
-    if of_g is None:
+def find_start_by_both(state: State, now: Core, seen: PushAndField | None) -> Start | None:
+    """The attitude by the last push and the place's field, whatever it was before."""
+    of_g = None if seen is None else solve_with_field(seen)
+    if seen is None or of_g is None:
         return None
     start, per_gauss = start_from(of_g, now), 1.0 / max(horizontal_down(seen.field_ned)[0], TINY)
     east = rotate_inverse(start.q_ned_frd, (0.0, 1.0, 0.0))

@@ -251,7 +251,7 @@ def due_reports(handle: Any, time_us: int, dt_s: float) -> tuple[Report, Report]
 @inlined
 def search_on(handle: Any, acc: Vec3, dt_s: float) -> None:
     """Follow the force for the search by velocity, if that has begun."""
-    if dt_s > SPAN_S:
+    if dt_s > SPAN_S:  # how the vehicle has turned meanwhile is not known
         handle.search = SEARCH_ANEW
     elif handle.search.window.is_open:
         q_g_frd, aliasing = handle.gathered.q_g_frd, handle.conditioning.vertical.tilt.aliasing
@@ -260,14 +260,14 @@ def search_on(handle: Any, acc: Vec3, dt_s: float) -> None:
 
 @inlined
 def search_by(handle: Any, report: Report) -> bool:
-    """Take a report for the search by velocity; whether it has closed a window."""
+    """Take a report for the search by velocity; whether it shows something new."""
     found, last = handle.search, handle.sample
     q_g_frd = handle.gathered.q_g_frd
     if not found.window.is_open:  # the force was not followed until now
         found = add_sample(found, q_g_frd, last.acc_m_s2, last.dt_s, 0.0)
-    found, closed = add_report(found, report, q_g_frd, handle.seen.gravity_b)
+    found, has_shown = add_report(found, report, q_g_frd, handle.seen.gravity_b)
     handle.search = found
-    return bool(closed)
+    return bool(has_shown)
 
 
 @inlined

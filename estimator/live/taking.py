@@ -76,7 +76,7 @@ def decide(state: State, end: int) -> Reason | None:
 
 
 def check_aided(state: State, report: Report) -> None:
-    """Check the aided attitude, then its compass, after a window of the search has closed."""
+    """Check the aided attitude, then its compass, by what the search has shown."""
     if state.context.phase is Phase.AIDED and not reacquire(state, report):
         check_compass(state, report)
 

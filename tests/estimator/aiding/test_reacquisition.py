@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.aiding.phase import Phase
-from estimator.aiding.search import Push, PushAndField, misfit, solve_with_field
+from estimator.aiding.search import Push, PushAndField, misfits, solve_with_field
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.estimator import Estimator
 from estimator.geometry.earth import field_at, in_ned
@@ -190,7 +190,7 @@ def test_a_short_push_may_be_off_by_as_much_as_its_reports():
     seen = seen_from(g_ned)._replace(push=push)
     found = solve_with_field(seen)
     assert 0.05 < found.sigma_tilt_rad < 0.1 / np.linalg.norm(short)
-    assert solve_with_field(seen._replace(sigma_m_s=0.01)) is None
+    assert solve_with_field(seen._replace(change_sigma_m_s=0.01)) is None
 
 
 def test_reports_of_an_unsure_age_show_an_attitude_as_unsure():
@@ -218,4 +218,7 @@ def test_a_turn_about_one_of_the_two_misfits_the_other(axis):
     other, sigma_rad = (field, 0.05) if axis is PUSH_NED else (push, 0.1 / np.linalg.norm(push))
     moved = turned * g_ned.inv()
     cosine = other @ moved.apply(other) / (other @ other)
-    assert misfit(seen, (w, x, y, z)) == pytest.approx(np.arccos(cosine) / sigma_rad)
+    by_push, by_field = misfits(seen, (w, x, y, z))
+    of_it, of_other = (by_push, by_field) if axis is PUSH_NED else (by_field, by_push)
+    assert of_it == pytest.approx(0.0, abs=1e-4)
+    assert of_other == pytest.approx(np.arccos(cosine) / sigma_rad)
