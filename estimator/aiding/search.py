@@ -20,12 +20,7 @@ from estimator.aiding.types import Array, Report
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import NORM_SCALE
-from estimator.conditioning.params import (
-    ACCELERATION_LASTS_S,
-    LONGEST_STEP_S,
-    MEMORY_S,
-    SPAN_S,
-)
+from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
 from estimator.conditioning.robust import HEADING_REACH_RAD, REACH
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import (
@@ -58,6 +53,7 @@ class Window(NamedTuple):
     force_m_s2: Vec3 = ZERO_VEC3  # the last sample's specific force, in G
     first_force_m_s2: Vec3 = ZERO_VEC3  # the specific force when the window began, in G
     time_s: float = 0.0  # since the window began
+    longest_step_s: float = 0.0  # since then
     velocity_ned_m_s: Vec3 = ZERO_VEC3  # by the report that opened it
     late_sigma_s: float = 0.0  # uncertainty of the age of that report
     is_open: bool = False  # until the first report
@@ -70,6 +66,7 @@ class Push(NamedTuple):
     change_ned_m_s: Vec3 = ZERO_VEC3  # of velocity, without gravity
     force_g_m_s: Vec3 = ZERO_VEC3  # the specific force, integrated, in G
     swing_g_m_s2: Vec3 = ZERO_VEC3  # from the first specific force to the last, in G
+    longest_step_s: float = 0.0  # in which the vehicle may have turned anyhow
     is_behind_hole: bool = False  # it depends on nothing before a hole in the stream
 
 
@@ -128,7 +125,12 @@ def add_sample(
 def extend_window(window: Window, force_g: Vec3, dt: float) -> Window:
     """The window one sample longer, whose specific force is given in G."""
     pushed = add(window.pushed_m_s, scale(0.5 * dt, add(force_g, window.force_m_s2)))
-    return window._replace(pushed_m_s=pushed, force_m_s2=force_g, time_s=window.time_s + dt)
+    return window._replace(
+        pushed_m_s=pushed,
+        force_m_s2=force_g,
+        time_s=window.time_s + dt,
+        longest_step_s=max(window.longest_step_s, dt),
+    )
 
 
 @inlined
@@ -140,6 +142,7 @@ def open_window(window: Window, report: Report, behind_s: float) -> Window:
         force_m_s2=force,
         first_force_m_s2=force,
         time_s=behind_s,
+        longest_step_s=0.0,
         velocity_ned_m_s=report.velocity_ned_m_s,
         late_sigma_s=report.late_sigma_s,
         is_open=True,
@@ -157,6 +160,7 @@ def push_by(window: Window, opened: Window, report: Report) -> Push:
         change_ned_m_s=(change[0], change[1], vertical - STANDARD_GRAVITY_M_S2 * time_s),
         force_g_m_s=subtract(window.pushed_m_s, opened.pushed_m_s),
         swing_g_m_s2=subtract(window.force_m_s2, window.first_force_m_s2),
+        longest_step_s=window.longest_step_s,
         is_behind_hole=window.is_behind_hole,
     )
 
@@ -175,8 +179,7 @@ def add_report(
     time_s = window.time_s - behind_s
     opened = open_window(window, report, behind_s)
     if not window.is_open:
-        is_within_hole = window.is_behind_hole and behind_s > LONGEST_STEP_S
-        return Search(window if is_within_hole else opened, before), False
+        return Search(opened, before), False
     if time_s > ACCELERATION_LASTS_S:
         return Search(opened, fade(before, time_s / MEMORY_S, time_s)), False
     is_alike = (report.late_sigma_s > 0.0) == (window.late_sigma_s > 0.0)
@@ -255,7 +258,7 @@ def solve_with_field(seen: PushAndField) -> Solution | None:
     If the angle between the two, or the size of the push, is not as expected, one of them is wrong,
     and nothing is returned.
     """
-    change, force, swing, _ = seen.push
+    change, force, swing = seen.push[:3]
     size, expected = norm(change), angle_between_vectors(change, seen.field_ned)
     off_rad = abs(angle_between_vectors(force, seen.field_g) - expected)
     scatter = max(NORM_SCALE, REACH * seen.change_sigma_m_s / max(size, TINY))
@@ -278,7 +281,7 @@ def solve_with_field(seen: PushAndField) -> Solution | None:
 
 def misfits(seen: PushAndField, q_ned_g: Quaternion) -> tuple[float, float]:
     """By how many sigmas the push and the field point elsewhere, if that is G's attitude."""
-    change, force, swing, _ = seen.push
+    change, force, swing = seen.push[:3]
     push_rad = angle_between_vectors(rotate(q_ned_g, force), change)
     field_rad = angle_between_vectors(rotate(q_ned_g, seen.field_g), seen.field_ned)
     sigma_m_s = hypot(seen.change_sigma_m_s, seen.late_sigma_s * norm(swing))

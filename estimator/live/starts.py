@@ -18,8 +18,8 @@ from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import Report, Sigmas
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import NORM_SCALE, horizontal_down
-from estimator.conditioning.params import LATELY_S, SPAN_S
-from estimator.conditioning.rate import FAST_STEP_S, slow_share
+from estimator.conditioning.params import LATELY_S, LONGEST_STEP_S, SPAN_S
+from estimator.conditioning.rate import slow_share
 from estimator.conditioning.robust import HEADING_REACH_RAD, REACH
 from estimator.conditioning.state import ConditioningState
 from estimator.filter.alignment import align, quaternion_from_matrix
@@ -74,12 +74,13 @@ def find_start_by_field(state: State) -> Start | None:
 def see_push_and_field(state: State, now: Core, report: Report) -> PushAndField | None:
     """The last window's push and the place's field, if both may show the attitude.
 
-    It needs a gyroscope that nothing contradicts, a stream fast enough to follow that second, and a
+    It needs a gyroscope that nothing contradicts, steps that miss little of the turning, and a
     report that shows the vertical part.
     """
     aiding, place = state.settings.aiding, state.settings.reference.place_gauss
     events, evidence = now.conditioning.events, now.search.evidence
-    is_carried = now.interval_s < FAST_STEP_S and events.axes.since_s >= LATELY_S
+    is_followed = evidence.latest.longest_step_s < LONGEST_STEP_S
+    is_carried = is_followed and events.axes.since_s >= LATELY_S
     is_seen = now.seen.has_heading and now.conditioning.field.magnetic.wait_s < SPAN_S
     if not is_carried or not is_seen or not state.knows_north or norm(place) == 0.0:
         return None

@@ -54,10 +54,10 @@ def flown_in_zurich(flight, turn=None, at=0):
     return errors_deg(flight, attitudes), np.degrees(sigmas)
 
 
-def with_hole(flight, at, seconds):
-    """The flight without the samples and reports of a time behind sample ``at``."""
+def with_hole(flight, at, seconds, step=1):
+    """The flight without a time behind sample ``at``; of the others each ``step``-th is left."""
     behind = at + round(seconds * SECOND)
-    kept = [k for k in range(len(flight.samples)) if not at < k <= behind]
+    kept = [k for k in range(0, len(flight.samples), step) if not at < k <= behind]
     places = {k: place for place, k in enumerate(kept)}
     return replace(
         flight,
@@ -87,9 +87,19 @@ HOLES = [(830, 1.5), (830, 2.5), (830, 3.4), (800, 5.0), (870, 2.8), (950, 4.0),
 def test_what_a_hole_has_hidden_is_found_by_the_first_reports_behind_it(flight, at, seconds):
     errors, sigmas = flown_in_zurich(with_hole(flight, at, seconds))
     assert errors[at + 1, TOTAL] > 50.0
-    late = slice(at + 11, None)  # three reports
+    late = slice(at + 11, None)  # at the third report
     assert errors[late, TOTAL].max() < 1.5
-    assert np.mean(errors[late, 1:] <= sigmas[late, ::-1]) > 0.68
+    soon = slice(at + 11, at + 11 + SECOND)
+    assert np.mean(errors[soon, 1:] <= sigmas[soon, ::-1]) > 0.68
+
+
+@pytest.mark.parametrize(("at", "seconds"), HOLES)
+def test_so_it_is_in_a_stream_of_25_hz(flight, at, seconds):
+    """With five reports a second."""
+    errors, _ = flown_in_zurich(with_hole(flight, at, seconds, step=2))
+    behind = at // 2 + 1
+    assert errors[behind, TOTAL] > 40.0
+    assert errors[behind + SECOND // 3 :, TOTAL].max() < 2.0
 
 
 def test_a_push_of_two_sources_is_not_one_of_their_first_reports(flight):
