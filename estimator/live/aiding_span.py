@@ -43,27 +43,45 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3
 def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
     """Velocity starts to help once there is a heading from true north.
 
-    It comes from the field, from velocity and field together, or from velocity alone where there is
-    no usable field or no position that shows true from magnetic north.
+    It comes from the field, or from the search where there is no usable field or no position that
+    shows true from magnetic north. Behind a hole the search comes first: the unaided vertical may
+    be off by any angle.
     """
     can_compare = has_heading and state.knows_north
-    start = find_start_by_field(state) if can_compare else None
-    follows_unaided = has_heading
-    if start is None and state.core.search(report):
-        now = state.core.core
-        start = find_start_by_both(state, now, see_push_and_field(state, now, report))
-        if start is not None and is_better(start.sigma, unaided_sigma(state, now)):
-            follows_unaided = False
-        else:
-            start = find_start_by_velocity(state, now, report)
-            if start is not None and can_compare and not rolls(state.settings.aiding):
-                start = judge_field(state, start)
+    is_behind_hole = state.core.core.search.window.is_behind_hole
+    start, follows_unaided = None, has_heading
+    if is_behind_hole:
+        start, follows_unaided = find_start_by_search(state, report, can_compare=can_compare)
+    if start is None and can_compare:
+        start, follows_unaided = find_start_by_field(state), True
+    if start is None and not is_behind_hole:
+        start, follows_unaided = find_start_by_search(state, report, can_compare=can_compare)
     if start is None:
         state.enter(Cause.REPORT)
         return
     # a field that is contradicted has shown no heading
     is_wrong = compass.is_contradicted(state.context.compass, state.core.time_us)
-    set_out(state, start, report, has_heading=follows_unaided and not is_wrong)
+    follows_unaided = follows_unaided and has_heading and not is_wrong
+    set_out(state, start, report, has_heading=follows_unaided)
+
+
+def find_start_by_search(
+    state: State, report: Report, *, can_compare: bool
+) -> tuple[Start | None, bool]:
+    """The attitude by velocity and field together, or by velocity alone, once a window shows it.
+
+    The second value says whether the unaided attitude may be corrected to it, or is worth nothing.
+    """
+    if not state.core.search(report):
+        return None, True
+    now = state.core.core
+    start = find_start_by_both(state, now, see_push_and_field(state, now, report))
+    if start is not None and is_better(start.sigma, unaided_sigma(state, now)):
+        return start, False
+    start = find_start_by_velocity(state, now, report)
+    if start is not None and can_compare and not rolls(state.settings.aiding):
+        start = judge_field(state, start)
+    return start, True
 
 
 def set_out(state: State, start: Start, report: Report, *, has_heading: bool) -> None:

@@ -10,7 +10,7 @@ from estimator.aiding.compass import Compass
 from estimator.aiding.consistency import NEW_CONSISTENCY, Consistency
 from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.phase import Phase
-from estimator.aiding.search import EMPTY_SEARCH, SEARCH_ANEW, Search
+from estimator.aiding.search import EMPTY_SEARCH, Search
 from estimator.aiding.types import HARD_IRON, SIZE, AidingState
 from estimator.aiding.velocity_history import COLUMNS
 from estimator.arrays import Floats
@@ -96,8 +96,8 @@ def flat(covariance: Floats) -> tuple[float, ...]:
 def without_aiding(settings: Settings, now: Core) -> Core:
     """The core with the aiding blank, for when velocity does not help.
 
-    What wheels have shown of the compass stays, unless they contradict it. So does that the search
-    begins behind a hole.
+    What wheels have shown of the compass stays, unless they contradict it. So does a search that
+    has just begun behind a hole.
     """
     blank = initial_core(settings)
     wheels = blank.aided.wheels if now.aided.wheels.contradict else now.aided.wheels
@@ -106,7 +106,7 @@ def without_aiding(settings: Settings, now: Core) -> Core:
         consistency=blank.consistency,
         covariance=blank.covariance,
         velocity_history=blank.velocity_history,
-        search=SEARCH_ANEW if now.search.window.is_behind_hole else EMPTY_SEARCH,
+        search=now.search if now.search.window.is_behind_hole else EMPTY_SEARCH,
     )
 
 
