@@ -4,7 +4,7 @@ from math import cos, pi, remainder, sin
 
 from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase, after
-from estimator.aiding.search import UNKNOWN_RAD
+from estimator.aiding.search import EMPTY_SEARCH, UNKNOWN_RAD
 from estimator.aiding.sources.wheels import rolls
 from estimator.conditioning.vertical.lowpass import Coefficients
 from estimator.filter.alignment import align
@@ -172,7 +172,7 @@ class State:
             return
         if phase is Phase.RAW:
             core = without_aiding(self.settings, self.core.core)
-            self.set_core(core._replace(pull=NO_PULL, seen=UNSEEN))
+            self.set_core(core._replace(pull=NO_PULL, seen=UNSEEN, search=EMPTY_SEARCH))
         elif before is Phase.AIDED:
             self.set_core(without_aiding(self.settings, self.core.core))
         self.change_context(phase=phase)
