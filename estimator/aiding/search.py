@@ -1,4 +1,4 @@
-"""The attitude from velocity alone, or from velocity and the field together.
+"""The attitude from velocity alone.
 
 The specific force, turned to the gyro-propagated frame G and integrated over a second, is the
 change of velocity minus that by gravity, seen from G. How G is turned against NED is Wahba's
@@ -9,7 +9,7 @@ gravity. Source: Y. Wu and X. Pan 2013, "Velocity/position integration formula p
 """
 
 from math import exp as real_exp
-from math import hypot, radians, sqrt
+from math import radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -17,23 +17,18 @@ import numpy as np
 from estimator.aiding.beginning import BEGIN_VELOCITY_SIGMA_M_S
 from estimator.aiding.course import STANDING, Rolled, fade_rolled, roll_on
 from estimator.aiding.types import Array, Report
-from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
-from estimator.conditioning.robust import HEADING_REACH_RAD, REACH
+from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import (
     add,
-    angle_between_vectors,
     cross,
     dot,
-    norm,
     rotate,
     rotate_inverse,
     scale,
     subtract,
-    unit,
 )
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
@@ -241,53 +236,6 @@ def outer(a: Vec3, b: Vec3) -> Matrix:
     return scale(a[0], b), scale(a[1], b), scale(a[2], b)
 
 
-class PushAndField(NamedTuple):
-    """Two vectors that show the attitude of G at once, each in NED and in G, and their sigmas."""
-
-    push: Push  # what the search has shown last
-    change_sigma_m_s: float  # of its change of velocity
-    late_sigma_s: float  # of the age of its reports and of the samples
-    field_ned: Vec3  # of the place, any unit
-    field_g: Vec3  # as seen, any unit
-    field_sigma_rad: float  # of its direction
-
-
-def solve_with_field(seen: PushAndField) -> Solution | None:
-    """The attitude of G by the last window and the field of the place.
-
-    If the angle between the two, or the size of the push, is not as expected, one of them is wrong,
-    and nothing is returned.
-    """
-    change, force, swing = seen.push[:3]
-    size, expected = norm(change), angle_between_vectors(change, seen.field_ned)
-    off_rad = abs(angle_between_vectors(force, seen.field_g) - expected)
-    scatter = max(NORM_SCALE, REACH * seen.change_sigma_m_s / max(size, TINY))
-    fits = off_rad <= scatter and abs(norm(force) - size) <= scatter * size
-    if not fits:  # so it is, too, where the push is no number
-        return None
-    weight = (seen.change_sigma_m_s / seen.field_sigma_rad) ** 2
-    B = np.outer(change, force) + weight * np.outer(unit(seen.field_ned), unit(seen.field_g))
-    R = nearest_rotation(B)
-    M = _information(B @ R.T)
-    if float(np.linalg.eigvalsh(M)[0]) * HEADING_REACH_RAD**2 <= seen.change_sigma_m_s**2:
-        return None  # the two are nearly parallel
-    inverse = np.linalg.inv(M)
-    by_age = seen.late_sigma_s * (inverse @ R @ np.array(cross(force, swing)))
-    north, east, down = np.sqrt(seen.change_sigma_m_s**2 * np.diag(inverse) + by_age**2).tolist()
-    tilt = max(north, east)
-    is_known = hypot(tilt, down) < HEADING_REACH_RAD
-    return Solution(quaternion_from_matrix(R), down, tilt) if is_known else None
-
-
-def misfits(seen: PushAndField, q_ned_g: Quaternion) -> tuple[float, float]:
-    """By how many sigmas the push and the field point elsewhere, if that is G's attitude."""
-    change, force, swing = seen.push[:3]
-    push_rad = angle_between_vectors(rotate(q_ned_g, force), change)
-    field_rad = angle_between_vectors(rotate(q_ned_g, seen.field_g), seen.field_ned)
-    sigma_m_s = hypot(seen.change_sigma_m_s, seen.late_sigma_s * norm(swing))
-    return push_rad * norm(change) / sigma_m_s, field_rad / seen.field_sigma_rad
-
-
 def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
     """The attitude of G that fits best, if its heading is certain enough to begin with.
 
@@ -303,7 +251,7 @@ def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
     B = np.array(evidence.correlation)
     R = nearest_rotation(B)
     together = B @ R.T
-    M = _information(together)
+    M = information(together)
     # changes of velocity must stand across every axis, by more than the first one may be off
     if float(np.linalg.eigvalsh(M)[0]) < BEGIN_VELOCITY_SIGMA_M_S**2:
         return None
@@ -311,13 +259,13 @@ def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
     heading = np.linalg.inv(M)[2]  # how the heading follows M t
     by_age = evidence.late_sigma_s * float(heading @ R @ np.array(evidence.lagging))
     aged = np.array(evidence.aged) @ R.T
-    by_bias = bias_sigma_rad_s * float(np.linalg.norm(heading @ _information(aged)))
+    by_bias = bias_sigma_rad_s * float(np.linalg.norm(heading @ information(aged)))
     by_noise = CORRELATED * loss / (3.0 * evidence.windows - 3.0) * float(heading[2])
     sigma = sqrt(by_noise + by_age**2 + by_bias**2)
     return Solution(quaternion_from_matrix(R), sigma) if sigma < HEADING_REACH_RAD else None
 
 
-def _information(together: Array) -> Array:
+def information(together: Array) -> Array:
     """(3, 3) tr(S) I - S for S = sum R b b' R', symmetric but for what does not fit."""
     S = 0.5 * (together + together.T)
     return np.asarray(np.trace(S) * np.eye(3) - S)

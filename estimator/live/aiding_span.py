@@ -7,7 +7,8 @@ from estimator.aiding.acceleration_tilt import explains_acceleration
 from estimator.aiding.beginning import Start, begin, inflate_covariance, lag_variance
 from estimator.aiding.consistency import NEW_CONSISTENCY, inflated
 from estimator.aiding.phase import Cause
-from estimator.aiding.search import UNKNOWN_RAD, PushAndField, Search, misfits
+from estimator.aiding.push_and_field import PushAndField, misfits
+from estimator.aiding.search import UNKNOWN_RAD, Search
 from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import IMU_LAG, NO_REPORT, Report, Sigmas

@@ -7,13 +7,8 @@ import numpy as np
 from estimator.aiding import compass
 from estimator.aiding.beginning import Start
 from estimator.aiding.course import forward_evidence, level_ahead, tilt_error_rad
-from estimator.aiding.search import (
-    UNKNOWN_RAD,
-    PushAndField,
-    Solution,
-    solve,
-    solve_with_field,
-)
+from estimator.aiding.push_and_field import PushAndField, solve_with_field
+from estimator.aiding.search import UNKNOWN_RAD, Solution, solve
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import Report, Sigmas
 from estimator.bounds import TINY

@@ -8,7 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.aiding.phase import Phase
-from estimator.aiding.search import Push, PushAndField, misfits, solve_with_field
+from estimator.aiding.push_and_field import PushAndField, misfits, solve_with_field
+from estimator.aiding.search import Push
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.estimator import Estimator
 from estimator.geometry.earth import field_at, in_ned
