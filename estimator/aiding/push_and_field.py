@@ -30,7 +30,7 @@ class PushAndField(NamedTuple):
 
 
 def solve_with_field(seen: PushAndField) -> Solution | None:
-    """The attitude of G by the last window and the field of the place.
+    """The attitude of G by the push and the field of the place.
 
     If the angle between the two, or the size of the push, is not as expected, one of them is wrong,
     and nothing is returned.

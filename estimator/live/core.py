@@ -106,7 +106,7 @@ def without_aiding(settings: Settings, now: Core) -> Core:
         consistency=blank.consistency,
         covariance=blank.covariance,
         velocity_history=blank.velocity_history,
-        search=now.search if now.search.window.is_behind_hole else EMPTY_SEARCH,
+        search=now.search if now.search.window.is_behind_hole else blank.search,
     )
 
 

@@ -67,10 +67,10 @@ def find_start_by_field(state: State) -> Start | None:
 
 
 def see_push_and_field(state: State, now: Core, report: Report) -> PushAndField | None:
-    """The last window's push and the place's field, if both may show the attitude.
+    """The last push and the place's field, if both may show the attitude.
 
-    It needs a gyroscope that nothing contradicts, steps that miss little of the turning, and a
-    report that shows the vertical part.
+    It needs a gyroscope that nothing contradicts, steps in which it misses little of the turning,
+    and a report that shows the vertical part.
     """
     aiding, place = state.settings.aiding, state.settings.reference.place_gauss
     events, evidence = now.conditioning.events, now.search.evidence
