@@ -1,8 +1,10 @@
 """Vehicles whose truth is known, for the tests of the steps."""
 
 from collections.abc import Callable, Iterable, Iterator
-from math import cos, sin
+from math import cos, pi, sin
 from typing import NamedTuple
+
+import numpy as np
 
 from estimator.conditioning.condition import Conditioned, condition
 from estimator.conditioning.gather import NOTHING, Gathered
@@ -39,9 +41,19 @@ def tumbling(t: float) -> Vec3:
     return (1.5 * sin(0.9 * t), 1.2 * cos(0.7 * t + 1.0), 0.8 * sin(0.5 * t + 2.0))
 
 
+def hand(t: float) -> Vec3:
+    """Body rates (rad/s) of a hand that turns quickly."""
+    return (3.0 * sin(2.1 * t + 1.0), 2.5 * cos(1.7 * t), 2.0 * sin(1.3 * t + 2.0))
+
+
 def resting(_t: float) -> Vec3:
     """No rate."""
     return (0.0, 0.0, 0.0)
+
+
+def turned(q: Quaternion, rate_rad_s: Vec3, dt: float) -> Quaternion:
+    """The attitude after a step with a body rate."""
+    return qn.normalize(qn.multiply(q, qn.exp(qn.scale(dt, rate_rad_s))))
 
 
 def fly(
@@ -60,17 +72,38 @@ def fly(
     for k in range(round(seconds / dt)):
         w = rate(k * dt)
         part = 0.5 * dt if is_mean(dt, averaged=False) else dt
-        felt = qn.normalize(qn.multiply(q, qn.exp((w[0] * part, w[1] * part, w[2] * part))))
-        q = qn.normalize(qn.multiply(q, qn.exp((w[0] * dt, w[1] * dt, w[2] * dt))))
+        felt = qn.rotate_inverse(turned(q, w, part), (0.0, 0.0, -GRAVITY_M_S2))
+        q = turned(q, w, dt)
         history.append(q)
         then = history[max(0, len(history) - 1 - behind)]
-        m = qn.rotate_inverse(then, FIELD_NED)
-        yield Sample(
-            q,
-            (w[0] + bias[0], w[1] + bias[1], w[2] + bias[2]),
-            qn.rotate_inverse(felt, (0.0, 0.0, -GRAVITY_M_S2)),
-            (m[0] + offset[0], m[1] + offset[1], m[2] + offset[2]),
-        )
+        mag = qn.add(qn.rotate_inverse(then, FIELD_NED), offset)
+        yield Sample(q, qn.add(w, bias), felt, mag)
+
+
+def pushed(sample: Sample, push_ned: Vec3) -> Sample:
+    """The sample of a vehicle that accelerates, m/s^2."""
+    return sample._replace(acc=qn.add(sample.acc, qn.rotate_inverse(sample.q_ned_frd, push_ned)))
+
+
+def in_field(sample: Sample, field_ned: Vec3) -> Sample:
+    """The sample in another field, gauss."""
+    return sample._replace(mag=qn.rotate_inverse(sample.q_ned_frd, field_ned))
+
+
+def swayed_hand(
+    seed: int,
+    seconds: float = 10.0,
+    *,
+    push_m_s2: float = 3.0,
+    rates_hz: Vec3 = (0.5, 0.7, 0.9),
+    turning: float = 1.0,
+    begin_s: float = 0.0,
+) -> Iterator[Sample]:
+    """A hand that turns, and accelerates to and fro along each axis from a time on; 100 Hz."""
+    phases = np.random.default_rng(seed).uniform(0.0, 2.0 * pi, 3)
+    for k, s in enumerate(fly(lambda t: qn.scale(turning, hand(t + 10.0 * seed)), seconds, 0.01)):
+        push = push_m_s2 * np.cos(2.0 * pi * np.array(rates_hz) * 0.01 * k + phases)
+        yield pushed(s, tuple(push.tolist())) if 0.01 * k >= begin_s else s
 
 
 class Memory(NamedTuple):

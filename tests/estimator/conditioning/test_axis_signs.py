@@ -20,8 +20,9 @@ from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.gravity import Force, GravityState
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach
 from estimator.conditioning.vertical.step import VerticalStep
-from estimator.geometry.quaternion import conjugate, exp, multiply, normalize, rotate, scale
+from estimator.geometry.quaternion import conjugate, rotate, scale
 from estimator.types import IDENTITY
+from tests.estimator.conditioning.motion import turned
 
 PARAMS = ConditioningParams()
 FIELD = (0.2, 0.05, 0.43)  # in the body
@@ -69,8 +70,7 @@ def after(
         swing = 0.0 if is_wrong else swing_rad_s * np.sin(k * DT_S)
         true = np.add(turning, (swing, 0.7 * swing, 0.0))
         rate = tuple(true + 0.1 * noise * rng.normal(size=3) + np.multiply(error, is_wrong))
-        q_true = normalize(multiply(q_true, exp(scale(DT_S, tuple(true)))))
-        q_g = normalize(multiply(q_g, exp(scale(DT_S, rate))))
+        q_true, q_g = turned(q_true, tuple(true), DT_S), turned(q_g, rate, DT_S)
         body = scale(stretch if is_wrong else 1.0, rotate(conjugate(q_true), FIELD))
         since_leap_s = k * DT_S - leap_s if np.isfinite(leap_s) else LONG_S
         body = tuple(sensed @ body) if since_leap_s >= 0.0 else body
