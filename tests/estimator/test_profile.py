@@ -44,10 +44,8 @@ def refused(text, *words):
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_profiles_load_are_feasible_and_survive_being_written(name):
+def test_shipped_profiles_survive_being_written(name):
     profile = load_profile(name)
-    require_feasible(profile.k)
-    settings_of(profile)
     assert parse_profile(profile_to_toml(profile), "again") == profile
 
 
@@ -71,12 +69,10 @@ def test_smallest_profile_has_the_documented_defaults():
 
 
 # What is wrong is named: an unknown key at any level, a wrong type or value
+STRUCTS = ("reference", "filter", "confidence", "aiding", "mounting", "calibration", "provenance")
 UNKNOWN = [
+    *((f"{SMALLEST}[{section}]\nsurprise = 1\n", section, "surprise") for section in STRUCTS),
     (SMALLEST + "[surprise]\nx = 1\n", "surprise"),
-    (SMALLEST + "[filter]\ngama = 1.0\n", "gama"),
-    (SMALLEST + "[reference]\ngravitiy = [0.0, 0.0, 1.0]\n", "gravitiy"),
-    (SMALLEST + "[confidence]\nheading = 1.0\n", "heading"),
-    (SMALLEST + "[provenance]\nhost = 'x'\n", "host"),
     ("surprise = 1\n" + SMALLEST, "surprise"),
     (SMALLEST + "k23 = 1.0\n", "membership.k23"),
     (SMALLEST.replace("true", "true\ngravity_taus = 1.0"), "conditioning.gravity_taus"),
@@ -88,11 +84,7 @@ WRONG = [
     ("filter", "euler_step_max_s = 0.02", "filter.euler_step_max_s"),
     ("filter", "initial_attitude = 'guess'", "filter.initial_attitude"),
     ("filter", "initial_attitude = [[1.0, 0.0, 0.0]]", "filter.initial_attitude"),
-    (
-        "filter",
-        "initial_attitude = [[1, 0, 0], [0, 1, 0], [0, 0, nan]]",
-        "attitude: nan is not a finite",
-    ),
+    ("filter", "initial_attitude = [[1, 0, 0], [0, 1, 0], [0, 0, nan]]", "attitude: nan is not"),
     *(
         ("reference", f"gravity = {x}", "reference.gravity")
         for x in ("[0, 0]", "'down'", "[0, 0, 0]", "[0, 0, 1e-300]", "[0, 0, 1e300]")
@@ -108,6 +100,14 @@ WRONG = [
     ("confidence", "gravity = -0.1", "confidence.gravity"),
     ("confidence", "cross = 'none'", "confidence.cross"),
     ("provenance", "description = 3", "provenance.description"),
+    *(
+        ("mounting", f"rotation_deg = {x}", "rotation_deg")
+        for x in ("[0, 0]", "[0, 0, 181]", "[0, nan, 0]", "90")
+    ),
+    *(("mounting", f"acc_sign = {x}", "acc_sign") for x in (0, 2)),
+    ("calibration", "mag_offset_gauss = [11, 0, 0]", "mag_offset_gauss"),
+    ("calibration", "gyr_matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 0]]", "gyr_matrix"),
+    ("calibration", "acc_bias_m_s2 = [1, 2]", "acc_bias_m_s2"),
 ]
 # what stands in the smallest profile, what stands there instead, and the word
 CHANGED = [
@@ -137,7 +137,7 @@ BOMBS = (
 )
 REFUSED = [
     *((f"{text}\n{SMALLEST}",) for text in BOMBS),
-    *((text, "unknown", word) for text, word in UNKNOWN),
+    *((text, "unknown", *words) for text, *words in UNKNOWN),
     *((f"{SMALLEST}[{section}]\n{line}\n", word) for section, line, word in WRONG),
     *((SMALLEST.replace(old, new, 1), word) for old, new, word in CHANGED),
     (SMALLEST + "filter = 3\n", "membership"),  # within [membership], where the text ends
@@ -192,8 +192,7 @@ def test_a_file_does_not_hide_a_shipped_name(tmp_path, monkeypatch):
 
 def test_toml_round_trip_keeps_every_digit():
     rng = np.random.default_rng(60)
-    for _ in range(20):
-        k = random_memberships(rng)
+    for k in (LOWER, UPPER, *(random_memberships(rng) for _ in range(20))):
         changed = merge_profile(
             load_profile("imu"), {"membership": dict(zip(NAMES, k, strict=True))}
         )
@@ -206,10 +205,7 @@ def test_json_names_every_number():
     tree = profile_to_json(load_profile("imu"))
     assert list(tree) == [
         *("reference", "filter", "membership", "confidence", "conditioning", "aiding"),
-        "mounting",
-        "calibration",
-        "rates",
-        "provenance",
+        *("mounting", "calibration", "rates", "provenance"),
     ]
     assert list(tree["membership"]) == list(NAMES)
     assert "gravity_tau_s" in tree["conditioning"]
@@ -218,9 +214,7 @@ def test_json_names_every_number():
     )
 
 
-def test_midpoint_and_bounds_are_feasible_and_21_numbers_are_not():
-    for k in (midpoint(), LOWER, UPPER, random_memberships(np.random.default_rng(61))):
-        require_feasible(k)
+def test_21_numbers_are_not_feasible():
     with pytest.raises(InputError, match="22"):
         require_feasible(midpoint()[:-1])
 
