@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from estimator.filter.alignment import align, nearest_rotation, quaternion_from_matrix
 from estimator.filter.types import Vectors
 from estimator.geometry import quaternion as qn
+from tests.estimator.filter.vehicles import GRAVITY, MAGNETIC, seen_from
 from tests.vocabulary import (
     IDENTITY,
     any_rotation,
@@ -20,16 +21,9 @@ from tests.vocabulary import (
 )
 
 NORTH = (1.0, 0.0, 0.0)
-FIELD = qn.unit((1.0, -1.0, 1.0))
-DOWN = (0.0, 0.0, 1.0)
 PAPER_START = np.array(
     [[-0.0074, 0.8557, 0.5175], [0.8802, -0.2399, 0.4094], [0.4745, 0.4586, -0.7514]]
 )
-
-
-def seen_from(q):
-    v1, v2 = qn.rotate_inverse(q, FIELD), qn.rotate_inverse(q, DOWN)
-    return Vectors(v1, FIELD, 1.0, v2, DOWN, 1.0, 1.0)
 
 
 @given(any_rotation())
@@ -74,37 +68,37 @@ def test_noisy_vectors_agree_with_scipy():
         v1 = qn.unit(tuple(np.array(exact.v1_frd) + rng.normal(0.0, 0.1, 3)))
         v2 = qn.unit(tuple(np.array(exact.v2_frd) + rng.normal(0.0, 0.1, 3)))
         ours = align(exact._replace(v1_frd=v1, v2_frd=v2, s1=s1, s2=s2))
-        theirs, _ = Rotation.align_vectors([FIELD, DOWN], [v1, v2], weights=[s1, s2])
+        theirs, _ = Rotation.align_vectors([MAGNETIC, GRAVITY], [v1, v2], weights=[s1, s2])
         # scipy solves for a matrix too; near-equal singular values cost some digits
         assert_attitude_close(ours, tuple(theirs.as_quat(scalar_first=True).tolist()), 1e-9)
 
 
 def by_gravity(v):
-    return align(Vectors((0.0, 0.0, 0.0), FIELD, 0.0, v, DOWN, 1.0, 1.0))
+    return align(Vectors((0.0, 0.0, 0.0), MAGNETIC, 0.0, v, GRAVITY, 1.0, 1.0))
 
 
 def test_gravity_alone_levels_by_the_smallest_turn():
     rng, up = np.random.default_rng(52), (0.0, 0.0, -1.0)
     for v in (random_unit_vector(rng) for _ in range(50)):
         q = by_gravity(v)
-        np.testing.assert_allclose(qn.rotate(q, v), DOWN, atol=1e-12)
+        np.testing.assert_allclose(qn.rotate(q, v), GRAVITY, atol=1e-12)
         assert q[3] == pytest.approx(0.0, abs=1e-12)  # no turn about the vertical
-    assert_attitude_close(by_gravity(DOWN), IDENTITY, 1e-14)
-    np.testing.assert_allclose(qn.rotate(by_gravity(up), up), DOWN, atol=1e-14)
+    assert_attitude_close(by_gravity(GRAVITY), IDENTITY, 1e-14)
+    np.testing.assert_allclose(qn.rotate(by_gravity(up), up), GRAVITY, atol=1e-14)
 
 
 def test_field_alone_points_the_field():
     v = random_unit_vector(np.random.default_rng(53))
-    q = align(Vectors(v, NORTH, 1.0, (0.0, 0.0, 0.0), DOWN, 0.0, 1.0))
+    q = align(Vectors(v, NORTH, 1.0, (0.0, 0.0, 0.0), GRAVITY, 0.0, 1.0))
     np.testing.assert_allclose(qn.rotate(q, v), NORTH, atol=1e-12)
     # by the smallest turn: what the one direction does not show stays as it was
     assert_attitude_close(q, qn.shortest_rotation(v, NORTH), 1e-12)
-    without_gravity = align(Vectors(v, NORTH, 1.0, (0.6, 0.0, 0.8), DOWN, 0.0, 1.0))
+    without_gravity = align(Vectors(v, NORTH, 1.0, (0.6, 0.0, 0.8), GRAVITY, 0.0, 1.0))
     assert_attitude_close(without_gravity, q, 1e-12)  # a confidence of zero takes gravity out
 
 
 def test_no_vector_gives_some_attitude():
-    q = align(Vectors((0.0,) * 3, FIELD, 0.0, (0.0,) * 3, DOWN, 0.0, 1.0))
+    q = align(Vectors((0.0,) * 3, MAGNETIC, 0.0, (0.0,) * 3, GRAVITY, 0.0, 1.0))
     assert_attitude_close(q, q, 0.0)
 
 
@@ -115,6 +109,6 @@ def test_collinear_vectors_still_level(sign):
     along = (0.0, 0.0, sign)
     for _ in range(20):
         q = random_quaternion(rng)
-        v1, v2 = qn.rotate_inverse(q, along), qn.rotate_inverse(q, DOWN)
-        found = align(Vectors(v1, along, 1.0, v2, DOWN, 1.0, 1.0))
-        np.testing.assert_allclose(qn.rotate(found, v2), DOWN, atol=1e-7)
+        v1, v2 = qn.rotate_inverse(q, along), qn.rotate_inverse(q, GRAVITY)
+        found = align(Vectors(v1, along, 1.0, v2, GRAVITY, 1.0, 1.0))
+        np.testing.assert_allclose(qn.rotate(found, v2), GRAVITY, atol=1e-7)

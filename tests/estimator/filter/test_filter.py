@@ -115,44 +115,24 @@ def test_both_forms_agree_on_random_states():
         assert numbers(plain) == pytest.approx(numbers(fast), rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize("params", [FUZZY, FUZZY._replace(gain_knows_noise=True)])
-def test_both_forms_agree_over_the_papers_experiment(params):
-    plain = fast = FilterState(exp((3.1, 0.1, 0.2)))
-    for _, gyr, acc, mag, _ in samples_of(simulate(7, 300)):
-        vectors = raw_vectors(PAPER, acc, mag, True)
-        plain = reference.correct(params, reference.propagate(plain, gyr, 0.01), vectors, 0.01)
-        fast = kernel.step(params, PAPER, fast, Sample(gyr, acc, mag, True, 0.01))
-        assert_attitude_close(plain.q_ned_frd, fast.q_ned_frd, 1e-8)
-        assert plain.gain == pytest.approx(fast.gain, rel=1e-6)
-
-
-def test_batch_is_the_single_step_repeated():
+@pytest.mark.parametrize("first_step_s", [0.0, 0.003, 0.01])
+def test_batch_is_the_single_step_repeated(first_step_s):
+    """But for the first correction, which lasts for as long as the parameters ask."""
+    params, start = FUZZY._replace(first_step_s=first_step_s), FilterState(exp((3.1, 0.1, 0.2)))
     signals = simulate(8, 200)
-    start = FilterState(exp((3.1, 0.1, 0.2)))
     columns = (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss)
-    estimates, gains = kernel.run(FUZZY, PAPER, start, *columns, 0.01)
-    state = start
+    estimates, gains = kernel.run(params, PAPER, start, *columns, 0.01)
     for k, (_, gyr, acc, mag, _) in enumerate(samples_of(signals)):
-        if k > 0:
-            state = kernel.propagate(state, gyr, 0.01)
-        assert tuple(estimates[k].tolist()) == state.q_ned_frd
-        state = kernel.correct(FUZZY, state, raw_vectors(PAPER, acc, mag, True), 0.01)
+        vectors = raw_vectors(PAPER, acc, mag, True)
+        if k == 0:
+            propagated = start
+            state = kernel.correct(params, start, vectors, first_step_s)
+        else:
+            propagated = kernel.propagate(state, gyr, 0.01)
+            state = kernel.step(params, PAPER, state, Sample(gyr, acc, mag, True, 0.01))
+            assert state == kernel.correct(params, propagated, vectors, 0.01)
+        assert tuple(estimates[k].tolist()) == propagated.q_ned_frd
         assert gains[k] == state.gain
-
-
-def test_batch_takes_the_first_correction_for_as_long_as_the_parameters_ask():
-    """No step (0) leaves the second sample's estimate at the start, 0.01 s moves it by K w dt."""
-    signals = simulate(8, 2)
-    start = FilterState(exp((1.0, 0.1, 0.2)))
-    _, acc, mag = still = (np.zeros((2, 3)), signals.acc_m_s2, signals.mag_gauss)
-    for step_s in (0.0, 0.003, 0.01):
-        params = FUZZY._replace(first_step_s=step_s)
-        estimates, _ = kernel.run(params, PAPER, start, *still, 0.01)
-        first = raw_vectors(PAPER, tuple(acc[0].tolist()), tuple(mag[0].tolist()), True)
-        moved = kernel.correct(params, start, first, step_s)
-        expected = kernel.propagate(moved, (0.0, 0.0, 0.0), 0.01).q_ned_frd
-        assert tuple(estimates[1].tolist()) == expected
-        assert (angle_rad(moved.q_ned_frd, start.q_ned_frd) > 1e-12) == (step_s > 0.0)
 
 
 S = (0.7, 1.3, 0.4)
