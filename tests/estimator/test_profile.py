@@ -12,7 +12,7 @@ from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.filter.memberships import LOWER, NAMES, UPPER, midpoint, require_feasible
 from estimator.geometry.earth import PlaceField
-from estimator.geometry.quaternion import exp, multiply
+from estimator.geometry.quaternion import exp, multiply, normalized_distance
 from estimator.live.settings import settings_of
 from estimator.profile import (
     SHIPPED,
@@ -23,7 +23,7 @@ from estimator.profile import (
     profile_to_json,
     profile_to_toml,
 )
-from estimator.types import ZERO_VEC3, ImuSample
+from estimator.types import IDENTITY, ZERO_VEC3, ImuSample
 from tests.vocabulary import assert_attitude_close, random_memberships
 
 MEMBERSHIP = "[membership]\n" + "".join(
@@ -57,6 +57,7 @@ def test_paper_profile_is_the_papers_system():
     assert structs.astuple(paper.confidence) == (1,) * 3
     assert chosen.reference.magnetic_ned == pytest.approx(np.array([1.0, -1.0, 1.0]) / np.sqrt(3.0))
     assert chosen.reference.gravity_ned == (0.0, 0.0, 1.0)
+    assert normalized_distance(IDENTITY, chosen.initial) == pytest.approx(0.9997, abs=5e-5)
     assert chosen.filter.rate_time_constant_s == 0.3
     assert not chosen.filter.gain_is_fixed
 
