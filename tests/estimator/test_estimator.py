@@ -1,7 +1,7 @@
 """The estimator of one vehicle: what it refuses, forgets, keeps and publishes."""
 
 import json
-from math import inf, nan
+from math import asin, degrees, inf, nan, sqrt
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, multiply
-from estimator.live.published import OUTPUT_HORIZON_S
+from estimator.live.published import LEAST_SIGMA_RAD, OUTPUT_HORIZON_S
 from estimator.live.refusal import ACC_LIMIT_M_S2, RATE_LIMIT_RAD_S
 from estimator.live.rows import OUTPUT_SIZE, Q, report_rows_of, rows_of
 from estimator.live.settings import settings_of
@@ -30,8 +30,8 @@ def profile(request):
     return load_profile(request.param)
 
 
-def samples(count, motion="paper"):
-    return list(samples_of(simulate(3, count, motion=motion)))
+def samples(count, **options):
+    return list(samples_of(simulate(3, count, **options)))
 
 
 def fed(profile, stream):
@@ -225,6 +225,39 @@ def test_integers_are_numbers(name):
             assert one.update_report(report) is None
         attitudes.append(one.attitude(120_000))
     assert attitudes[0] == attitudes[1]
+
+
+def test_sigma_of_raw_vectors_follows_the_error_of_the_last_second():
+    """2 asin sqrt(mean e), the mean a low-pass of 1 s: one sample's e is mostly its noise."""
+    estimator = Estimator(load_profile("paper"))
+    mean, sigmas = None, []
+    for sample in samples(500):
+        estimator.update(sample)
+        now = estimator.attitude(sample.time_us)
+        share = 0.01 / (1.0 + 0.01)
+        mean = now.error if mean is None else mean + share * (now.error - mean)
+        assert now.sigma_inclination_rad == pytest.approx(2.0 * asin(sqrt(mean)))
+        assert now.sigma_heading_rad >= now.sigma_inclination_rad
+        sigmas.append(degrees(now.sigma_inclination_rad))
+    # measured: 15.5 deg, and 0.014 deg from one sample to the next
+    assert np.mean(sigmas[-100:]) == pytest.approx(15.5, rel=0.2)
+    assert np.std(np.diff(sigmas[-100:])) == pytest.approx(0.0144, rel=0.2)
+
+
+def test_no_estimate_claims_to_be_perfect():
+    now = fed(load_profile("paper"), samples(3000, noise=0.0, bias=0.0, motion="rest")).attitude(0)
+    assert now.error < 1e-9
+    assert now.sigma_inclination_rad == LEAST_SIGMA_RAD
+    # the vectors turned it round at the start, which is forgotten in 20 s and more
+    assert degrees(now.sigma_heading_rad) == pytest.approx(1.65, rel=0.2)
+
+
+def test_a_turn_given_in_ned_turns_the_attitude_in_ned(profile):
+    """The vehicle is neither level nor heading north: the axis is not the body's."""
+    estimator, turn = fed(profile, samples(200)), exp((0.3, -0.2, 0.5))
+    before = estimator.attitude(0).q_ned_frd
+    estimator.turn(turn)
+    assert_attitude_close(estimator.attitude(0).q_ned_frd, multiply(turn, before), 1e-9)
 
 
 def test_published_rate_is_free_of_the_bias():

@@ -1,6 +1,4 @@
-"""What is published of an estimate: where it is propagated to, its sigmas, iron in them."""
-
-from math import asin, degrees, sqrt
+"""What is published of an estimate: its heading by place, the heading's sigma, iron in it."""
 
 import numpy as np
 import pytest
@@ -12,63 +10,11 @@ from estimator.geometry.earth import field_at
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse
 from estimator.live.iron import largest_eigenvalue
-from estimator.live.published import LEAST_SIGMA_RAD
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from fuzzbee import Estimator as ArrayEstimator
-from tests.flight import HEADING
-from tests.paper_noise import samples_of
+from tests.flight import HEADING, Flight, errors_deg, flown
 from tests.vocabulary import assert_attitude_close
-
-PERIOD_US = 10_000
-
-
-def samples(count, **options):
-    made = samples_of(simulate(3, count, **options))
-    return [sample._replace(time_us=sample.time_us + PERIOD_US) for sample in made]
-
-
-def test_sigma_of_raw_vectors_follows_the_error_of_the_last_second():
-    """2 asin sqrt(mean e), the mean a low-pass of 1 s: one sample's e is mostly its noise."""
-    estimator = Estimator(load_profile("paper"))
-    mean, sigmas = None, []
-    for sample in samples(500):
-        estimator.update(sample)
-        now = estimator.attitude(sample.time_us)
-        share = 0.01 / (1.0 + 0.01)
-        mean = now.error if mean is None else mean + share * (now.error - mean)
-        assert now.sigma_inclination_rad == pytest.approx(2.0 * asin(sqrt(mean)))
-        assert now.sigma_heading_rad >= now.sigma_inclination_rad
-        sigmas.append(degrees(now.sigma_inclination_rad))
-    # measured: 15.5 deg, and 0.014 deg from one sample to the next
-    assert np.mean(sigmas[-100:]) == pytest.approx(15.5, rel=0.2)
-    assert np.std(np.diff(sigmas[-100:])) == pytest.approx(0.0144, rel=0.2)
-
-
-def test_no_estimate_claims_to_be_perfect():
-    estimator = Estimator(load_profile("paper"))
-    stream = samples(3000, noise=0.0, bias=0.0, motion="rest")
-    for sample in stream:
-        estimator.update(sample)
-    now = estimator.attitude(stream[-1].time_us)
-    assert now.error < 1e-9
-    assert now.sigma_inclination_rad == LEAST_SIGMA_RAD
-    # the vectors turned it round at the start, which is forgotten in 20 s and more
-    assert degrees(now.sigma_heading_rad) == pytest.approx(1.65, rel=0.2)
-
-
-@pytest.mark.parametrize("name", ["paper", "imu"])
-def test_a_turn_given_in_ned_turns_the_attitude_in_ned(name):
-    """The vehicle is neither level nor heading north: the axis is not the body's."""
-    estimator = Estimator(load_profile(name))
-    stream = samples(200)
-    for sample in stream:
-        estimator.update(sample)
-    before = estimator.attitude(stream[-1].time_us).q_ned_frd
-    turn = exp((0.3, -0.2, 0.5))
-    estimator.turn(turn)
-    after = estimator.attitude(stream[-1].time_us).q_ned_frd
-    assert_attitude_close(after, multiply(turn, before), 1e-9)
 
 
 def test_another_place_turns_the_heading_by_the_difference_of_the_declinations():
@@ -77,15 +23,15 @@ def test_another_place_turns_the_heading_by_the_difference_of_the_declinations()
     q = exp((0.4, -0.3, 1.0))
     force, field = rotate_inverse(q, (0.0, 0.0, -9.8)), rotate_inverse(q, (0.2, 0.0, 0.42))
     for k in range(50):
-        estimator.update(ImuSample((k + 1) * PERIOD_US, (0.0, 0.0, 0.0), force, field, True))
-    magnetic = estimator.attitude(50 * PERIOD_US).q_ned_frd
+        estimator.update(ImuSample(10_000 * k, (0.0, 0.0, 0.0), force, field, True))
+    magnetic = estimator.attitude(490_000).q_ned_frd
     assert_attitude_close(magnetic, q, 0.01)
     for place in ((47.4, 8.5), (60.0, -140.0)):
         for _ in range(2):
             estimator.set_position(*place, 0.0, 1_735_689_600_000_000)
         declination_rad = field_at(*place, 0.0, 1_735_689_600_000_000).declination_rad
         turned = multiply(exp((0.0, 0.0, declination_rad)), magnetic)
-        assert_attitude_close(estimator.attitude(50 * PERIOD_US).q_ned_frd, turned, 1e-6)
+        assert_attitude_close(estimator.attitude(490_000).q_ned_frd, turned, 1e-6)
     assert declination_rad > 0.25
 
 
@@ -121,25 +67,23 @@ IRON_GAUSS = (0.1, -0.08, 0.08)  # where the horizontal field has 0.22
 
 
 def in_hand(turning):
-    """Readings (N, 3) of a body that is turned about all axes, and its attitudes."""
+    """A body with iron that is turned about all axes."""
     t = np.arange(ROWS) / RATE_HZ
     rate = np.stack([np.sin(0.9 * t), np.sin(0.63 * t + 1.0), np.sin(0.77 * t + 2.0)], axis=-1)
     before = np.concatenate([rate[:1], rate[:-1]])
     q = rotations.chained(rotations.exp(0.5 * turning * (before + rate) / RATE_HZ))
-    force = rotations.rotate(rotations.conjugate(q), np.tile([0.0, 0.0, -9.81], (ROWS, 1)))
-    field = rotations.rotate(rotations.conjugate(q), np.tile([0.22, 0.0, 0.42], (ROWS, 1)))
-    return turning * rate, force, field + IRON_GAUSS, q
+    force = rotations.rotate_inverse(q, (0.0, 0.0, -9.81))
+    field = rotations.rotate_inverse(q, (0.22, 0.0, 0.42)) + IRON_GAUSS
+    readings = np.stack([turning * rate, force, field], axis=1).tolist()
+    samples = [ImuSample(20_000 * k, *map(tuple, v), True) for k, v in enumerate(readings)]
+    return Flight(samples, [], q)
 
 
-def taken(one, readings):
+def taken(one, flight):
     """Errors and sigmas of the heading (N,), deg."""
-    *columns, q = readings
-    attitudes = []
-    for k, (gyr, acc, mag) in enumerate(zip(*(c.tolist() for c in columns), strict=True)):
-        one.update(ImuSample(20_000 * k, tuple(gyr), tuple(acc), tuple(mag), True))
-        attitudes.append(one.attitude(20_000 * k))
-    errors = batch_angle_errors(np.array([each.q_ned_frd for each in attitudes]), q)[:, HEADING]
-    return np.degrees(errors), np.degrees([each.sigma_heading_rad for each in attitudes])
+    attitudes = flown(one, flight)
+    sigmas = np.degrees([each.sigma_heading_rad for each in attitudes])
+    return errors_deg(flight, attitudes)[:, HEADING], sigmas
 
 
 @pytest.fixture
