@@ -32,7 +32,7 @@ AS_IT_IS = np.eye(3)
 CLEAR = (Suspect(0.0, 0.0, 0.0, 0.0),) * 3  # no case against any axis
 
 
-def step_of(q_g_frd, rate, *, bias=(0.0, 0.0, 0.0), down=(0.0, 0.0, 9.8), quick=(0.0, 0.0, 9.8)):
+def step_of(q_g_frd, rate, bias=ZERO, down=(0.0, 0.0, 9.8), quick=(0.0, 0.0, 9.8)):
     state = initial_state(PARAMS).vertical
     force = Force(down=Smooth(down), quick=quick)
     state = state._replace(
@@ -47,8 +47,8 @@ def after(
     seconds,
     error,
     *,
-    turning=(0.0, 0.0, 0.0),
-    bias=(0.0, 0.0, 0.0),
+    turning=ZERO,
+    bias=ZERO,
     stretch=1.0,
     force_scatter=0.001,
     swing_rad_s=0.5,
@@ -84,7 +84,7 @@ def after(
         force = rotate(q_g, rotate(conjugate(q_true), (0.0, 0.0, 9.8)))
         slow = approach(slow, force, DT_S / PARAMS.gravity_tau_s)
         quick = approach(quick, force, DT_S / SPAN_S)
-        step = step_of(q_g, rate, bias=bias, down=slow, quick=quick)
+        step = step_of(q_g, rate, bias, slow, quick)
         signs = carry_axes(signs, step, DT_S)
         signs = watch_axes(signs, step, jump, 0.477, force_scatter, DT_S)
     return signs
@@ -93,8 +93,7 @@ def after(
 @pytest.mark.parametrize("axis", range(3))
 def test_an_axis_with_an_offset_is_contradicted_within_a_second(axis):
     """About x and z the field turns alike here: the force separates them a second later."""
-    error = [0.0, 0.0, 0.0]
-    error[axis] = 0.2
+    error = tuple((0.2 * np.eye(3)[axis]).tolist())
     assert after(0.1, error).squares == (0.0, 0.0, 0.0)
     assert 0.04 < np.sqrt(after(1.0, error).squares[axis]) < 0.12
     assert np.sqrt(after(3.0, error).squares[axis]) == pytest.approx(0.17, rel=0.2)
@@ -162,34 +161,38 @@ def test_what_nothing_renews_is_forgotten():
     before = AxisSigns(squares=(0.04, 0.0, 0.01), errors=(0.2, 0.0, -0.1))
     now = before
     for _ in range(500):
-        now = carry_axes(now, step_of(IDENTITY, (0.0, 0.0, 0.0)), DT_S)
+        now = carry_axes(now, step_of(IDENTITY, ZERO), DT_S)
     assert now.squares == pytest.approx(scale(np.exp(-1.0), before.squares), rel=1e-2)
     assert now.errors == pytest.approx(scale(np.exp(-1.0), before.errors), rel=1e-2)
 
 
+NONE = Suspect(0.3, 0.0, 1.0, 1.0)
+STRONG = Suspect(0.3, 0.0, 60.0, 60.0)
+
+
+def judged(*suspects):
+    """The signs after a step of a minute's flight with these cases against its axes."""
+    field = Seen((1.0, 0.0, 0.0), (0.01, 0.0, 0.0), 1e-4, 1e-4, 1e-4)
+    return judge(AxisSigns(age_s=60.0), field, suspects, DT_S)
+
+
 def test_a_case_much_weaker_than_another_is_dropped():
-    strong, weak, none = (Suspect(0.3, 0.0, e, e) for e in (60.0, 43.0, 1.0))
-    field, signs = Seen((1.0, 0.0, 0.0), (0.01, 0.0, 0.0), 1e-4, 1e-4, 1e-4), AxisSigns(age_s=60.0)
-    squares = judge(signs, field, (strong, weak, none), 0.02).squares
-    assert squares == pytest.approx((0.09 * 0.02 / 1.02, 0.0, 0.0))
-    errors = judge(signs, field, (strong, weak, none), 0.02).errors
-    assert errors == pytest.approx((0.3, 0.3 * np.exp(-8.5), 0.0), abs=1e-9)
-    alike = strong._replace(ratio=45.0)
-    assert judge(signs, field, (strong, alike, none), 0.02).squares[1] > 0.0
-    by_magnet = strong._replace(by_force=-1.1)
-    assert judge(signs, field, (by_magnet, none, none), 0.02).squares == (0.0, 0.0, 0.0)
-    beneath = strong._replace(ratio=0.99 * FAR)
-    assert judge(signs, field, (beneath, none, none), 0.02).squares == (0.0, 0.0, 0.0)
+    signs = judged(STRONG, Suspect(0.3, 0.0, 43.0, 43.0), NONE)
+    assert signs.squares == pytest.approx((0.09 * 0.02 / 1.02, 0.0, 0.0))
+    assert signs.errors == pytest.approx((0.3, 0.3 * np.exp(-8.5), 0.0), abs=1e-9)
+    alike = STRONG._replace(ratio=45.0)
+    assert judged(STRONG, alike, NONE).squares[1] > 0.0
+    by_magnet, beneath = STRONG._replace(by_force=-1.1), STRONG._replace(ratio=0.99 * FAR)
+    for no_case in (by_magnet, beneath):
+        assert judged(no_case, NONE, NONE).squares == (0.0, 0.0, 0.0)
 
 
 def test_a_turn_that_a_field_may_go_along_with_is_an_error_only_beside_a_proven_compass():
-    may_go_along, none = Suspect(0.3, 0.0, 1.0, 60.0), Suspect(0.3, 0.0, 1.0, 1.0)
-    strong = Suspect(0.2, 0.0, 60.0, 60.0)
-    field = Seen((1.0, 0.0, 0.0), (0.01, 0.0, 0.0), 1e-4, 1e-4, 1e-4)
-    signs = judge(AxisSigns(age_s=60.0), field, (may_go_along, none, none), DT_S)
+    may_go_along, proven = Suspect(0.3, 0.0, 1.0, 60.0), Suspect(0.2, 0.0, 60.0, 60.0)
+    signs = judged(may_go_along, NONE, NONE)
     assert signs.squares == NO_ERROR
     assert current_errors(signs, is_proven=False) == NO_ERROR
     assert current_errors(signs, is_proven=True) == pytest.approx((0.3, 0.0, 0.0), abs=1e-9)
-    both = judge(signs, field, (may_go_along, strong, none), DT_S)
+    both = judged(may_go_along, proven, NONE)
     assert current_errors(both, is_proven=False) == pytest.approx((0.0, 0.2, 0.0), abs=1e-9)
     assert current_errors(both, is_proven=True) == pytest.approx((0.3, 0.2, 0.0), abs=1e-9)

@@ -1,65 +1,57 @@
 """Fields that are not the place's, and poor sensors: errors, and whether sigma covers them."""
 
-from math import cos, degrees, radians, sin
-from typing import NamedTuple
+from math import degrees, radians, sin
 
 import numpy as np
 import pytest
 
-from estimator.geometry.quaternion import exp, rotate, rotate_inverse
-from tests.estimator.conditioning.motion import Sample, conditioned, fly, resting, tumbling
+from estimator.geometry.quaternion import add, exp, rotate
+from tests.estimator.conditioning.motion import (
+    FIELD_NED,
+    Sample,
+    conditioned,
+    fly,
+    in_field,
+    resting,
+    tumbling,
+)
 
 DT = 0.01
 
 
-class Headings(NamedTuple):
-    """Each sample's error and sigma, degrees."""
-
-    error: np.ndarray
-    sigma: np.ndarray
-
-    def unadmitted(self):
-        """Share of the time with an error beyond 10 degrees and three sigmas."""
-        return float(np.mean((self.error > 10.0) & (self.error > 3.0 * self.sigma)))
-
-
-def headings(motion, seconds, disturb):
-    """With the field in NED as ``disturb(field, time)`` makes it."""
-
-    def disturbed(i, s):
-        field = disturb(rotate(s.q_ned_frd, s.mag), i * DT)
-        return s._replace(mag=rotate_inverse(s.q_ned_frd, field))
-
-    error, sigma = [], []
-    samples = (disturbed(i, s) for i, s in enumerate(fly(motion, seconds, DT)))
-    for s, out, _ in conditioned(samples, DT):
+def headings(motion, seconds, field_ned):
+    """Each sample's error and sigma, degrees, with ``field_ned(time)``."""
+    flight = enumerate(fly(motion, seconds, DT))
+    found = []
+    for s, out, _ in conditioned((in_field(s, field_ned(i * DT)) for i, s in flight), DT):
         north = rotate(s.q_ned_frd, out.magnetic_b)
-        error.append(abs(degrees(np.arctan2(north[1], north[0]))))
-        sigma.append(degrees(out.sigma_heading_rad))
-    return Headings(np.array(error), np.array(sigma))
+        found.append((abs(np.arctan2(north[1], north[0])), out.sigma_heading_rad))
+    return np.degrees(found).T
+
+
+def unadmitted(error, sigma):
+    """Share of the time with an error beyond 10 degrees and three sigmas."""
+    return np.mean((error > 10.0) & (error > 3.0 * sigma))
 
 
 def turned(begin_s, lasts_s, ramp_s):
     """A magnet that turns the field by 60 degrees about down: norm and dip stay the same."""
 
-    def disturb(field, t):
-        share = min(
-            1.0, max(0.0, (t - begin_s) / ramp_s), max(0.0, (begin_s + lasts_s - t) / ramp_s)
-        )
-        c, s = cos(radians(60.0) * share), sin(radians(60.0) * share)
-        return (c * field[0] - s * field[1], s * field[0] + c * field[1], field[2])
+    def field_ned(t):
+        share = np.clip(min(t - begin_s, begin_s + lasts_s - t) / ramp_s, 0.0, 1.0)
+        return rotate(exp((0.0, 0.0, radians(60.0) * share)), FIELD_NED)
 
-    return disturb
+    return field_ned
 
 
 def beside(seconds):
     """A magnet of half the place's field that the vehicle starts beside."""
 
-    def disturb(field, t):
+    def field_ned(t):
         share = min(1.0, max(0.0, seconds + 1.0 - t))
-        return (field[0], field[1] + 0.23 * share, field[2] - 0.1 * share)
+        return add(FIELD_NED, (0.0, 0.23 * share, -0.1 * share))
 
-    return disturb
+    return field_ned
 
 
 @pytest.mark.parametrize("motion", [resting, tumbling])
@@ -68,35 +60,33 @@ def test_a_passing_magnet_that_leaves_norm_and_dip_turns_no_heading(
     motion, lasts_s, ramp_s, most_deg
 ):
     """The field turns at once and back, or within a second as by something that passes."""
-    seen = headings(motion, 60.0, turned(30.0, lasts_s, ramp_s))
-    assert seen.error[3000:].max() < most_deg
-    assert seen.sigma[3000:].max() > 40.0  # measured 86 and 49
-    assert seen.unadmitted() == 0.0
+    error, sigma = headings(motion, 60.0, turned(30.0, lasts_s, ramp_s))
+    assert error[3000:].max() < most_deg
+    assert sigma[3000:].max() > 40.0  # measured 86 and 49
+    assert unadmitted(error, sigma) == 0.0
 
 
 @pytest.mark.parametrize("motion", [resting, tumbling])
 def test_a_magnet_that_stays_is_followed_with_a_large_sigma_and_left_at_once(motion):
     """It looks like an unsensed turn; the heading given up shows its end."""
-    seen = headings(motion, 75.0, turned(30.0, 20.0, 1.0))
-    assert seen.error[4500] == pytest.approx(60.0, rel=0.05)
-    assert seen.sigma[4500] == pytest.approx(29.3, rel=0.2)
-    back_s = DT * int(np.flatnonzero(seen.error[5000:] > 5.0).max())
+    error, sigma = headings(motion, 75.0, turned(30.0, 20.0, 1.0))
+    assert error[4500] == pytest.approx(60.0, rel=0.05)
+    assert sigma[4500] == pytest.approx(29.3, rel=0.2)
+    back_s = DT * np.flatnonzero(error[5000:] > 5.0).max()
     assert back_s == pytest.approx(0.095, rel=0.2)
-    assert seen.unadmitted() == 0.0
+    assert unadmitted(error, sigma) == 0.0
 
 
 @pytest.mark.parametrize(("seconds", "measured_s"), [(3.0, 2.81), (10.0, 7.0)])
 def test_a_start_beside_a_magnet_is_made_good_once_it_has_been_left_for_long_enough(
     seconds, measured_s
 ):
-    seen = headings(tumbling, 45.0, beside(seconds))
-    first = round((seconds + 1.0) / DT)
-    assert seen.error[first] == pytest.approx(48.5, rel=0.2)
-    wrong_s = DT * int(np.flatnonzero(seen.error[first:] > 5.0).max())
+    error, sigma = headings(tumbling, 45.0, beside(seconds))[:, round((seconds + 1.0) / DT) :]
+    assert error[0] == pytest.approx(48.5, rel=0.2)
+    wrong_s = DT * np.flatnonzero(error > 5.0).max()
     assert wrong_s == pytest.approx(measured_s, rel=0.2)
-    left = Headings(seen.error[first:], seen.sigma[first:])
-    assert left.unadmitted() < 0.03  # measured 0.024: the first second
-    assert seen.error[-1] < 0.2
+    assert unadmitted(error, sigma) < 0.03  # measured 0.024: the first second
+    assert error[-1] < 0.2
 
 
 def sigmas_deg(samples):
@@ -116,22 +106,26 @@ def test_a_force_of_another_size_than_gravity_shows_an_accelerometers_error(
     assert found == (pytest.approx(inclination_deg, rel=0.2), pytest.approx(heading_deg, rel=0.2))
 
 
-@pytest.mark.parametrize(("bend_deg", "heading_deg"), [(0.0, 0.315), (6.0, 5.03)])
-def test_a_field_that_turns_to_and_fro_widens_the_headings_sigma(bend_deg, heading_deg):
-
-    def distorted():
-        for i, s in enumerate(fly(tumbling, 90.0, DT)):
-            angle = radians(bend_deg) * sin(2.0 * np.pi * 0.03 * DT * i)
-            field = rotate(exp((0.0, 0.0, angle)), rotate(s.q_ned_frd, s.mag))
-            yield s._replace(mag=rotate_inverse(s.q_ned_frd, field))
-
-    assert sigmas_deg(distorted())[1] == pytest.approx(heading_deg, rel=0.2)
+def as_it_is(_t, sample):
+    return sample
 
 
-@pytest.mark.parametrize(("scale", "heading_deg"), [(1.0, 0.315), (1.25, 18.4)])
-def test_a_magnetometer_with_axes_of_different_scales_widens_the_headings_sigma(scale, heading_deg):
-    """On a tumbling vehicle norm and dip vary with the attitude, and so does the heading."""
-    samples = (
-        s._replace(mag=(s.mag[0], scale * s.mag[1], s.mag[2])) for s in fly(tumbling, 60.0, DT)
-    )
+def in_bent_field(t, sample):
+    """The field turns to and fro."""
+    angle = radians(6.0) * sin(2.0 * np.pi * 0.03 * t)
+    return in_field(sample, rotate(exp((0.0, 0.0, angle)), FIELD_NED))
+
+
+def with_stretched_axis(_t, sample):
+    """Norm and dip vary with the attitude, and so does the heading."""
+    x, y, z = sample.mag
+    return sample._replace(mag=(x, 1.25 * y, z))
+
+
+@pytest.mark.parametrize(
+    ("reading", "heading_deg"),
+    [(as_it_is, 0.315), (in_bent_field, 5.03), (with_stretched_axis, 18.4)],
+)
+def test_a_field_that_is_not_the_places_widens_the_headings_sigma(reading, heading_deg):
+    samples = (reading(DT * k, s) for k, s in enumerate(fly(tumbling, 90.0, DT)))
     assert sigmas_deg(samples)[1] == pytest.approx(heading_deg, rel=0.2)
