@@ -44,17 +44,14 @@ def recorded():
     return read_flight(SLOW, imu())
 
 
-def flight(rate_hz=50.0, duration_s=80.0, seed=3, **changes):
+def flight(rate_hz=50.0, duration_s=80.0, seed=3):
     """The simulated vehicle; the declination makes the learnt north agree with the truth."""
     n = int(rate_hz * duration_s)
     flown, every = simulate(seed, n, rate_hz, noise=0.3, bias=0.1), np.ones(n, dtype=bool)
     times_us = np.round(1e6 * np.arange(n) / rate_hz).astype(np.int64)
     rows = rows_of(times_us, flown.gyr_rad_s, flown.acc_m_s2, flown.mag_gauss, every)
-    named = {"path": Path("flight"), "sha256": f"{seed}", "message": "RAW_IMU", "reference": "sim"}
-    made = Flight(
-        **named, rows=rows, calls={}, truth=flown.q_ned_frd, known=every, headed=every.copy()
-    )
-    return made._replace(**changes)
+    named = (Path("flight"), f"{seed}", "RAW_IMU", "sim")
+    return Flight(*named, rows, {}, flown.q_ned_frd, known=every, headed=every.copy())
 
 
 def test_a_flight_is_scored_as_replay_scores_it(recorded):
@@ -175,9 +172,8 @@ def test_no_recovery_crosses_a_restart_or_a_silence():
 def test_weights_sum_to_the_papers_at_any_rate(rate_hz):
     """0.3 x 101 samples of the first second and 1001 of 4..14 s."""
     made = flight(rate_hz=rate_hz)
-    recovery = recoveries(made)[0]
-    w = recovery.weights
-    t = made.time_s[recovery.first : recovery.last + 1] - made.time_s[recovery.first]
+    first, last, w = recoveries(made)[0]
+    t = made.time_s[first : last + 1] - made.time_s[first]
     assert w.sum() == pytest.approx(0.3 * 101 + 1001)
     assert w[t < 1.0 + 1e-9].sum() == pytest.approx(0.3 * 101)
     assert (w[(t > 1.01) & (t < 3.99)] == 0.0).all()
@@ -202,12 +198,11 @@ def test_a_log_in_rows_says_what_its_replay_says(path):
         flight = read_flight(path, profile, "autopilot")
     except InputError:
         flight = read_flight(path, profile)
-    course = fly(flight, profile)
-    one_by_one = replay(path, profile).attitudes
-    assert np.array_equal(course.q_ned_frd, one_by_one.q_ned_frd)
-    assert np.array_equal(course.bias_rad_s, one_by_one.gyro_bias_rad_s)
-    assert np.array_equal(course.sigma_rad[:, 0], one_by_one.sigma_inclination_rad)
-    assert np.array_equal(course.sigma_rad[:, 1], one_by_one.sigma_heading_rad)
+    course, found = fly(flight, profile), replay(path, profile).attitudes
+    assert np.array_equal(course.q_ned_frd, found.q_ned_frd)
+    assert np.array_equal(course.bias_rad_s, found.gyro_bias_rad_s)
+    sigmas = (found.sigma_inclination_rad, found.sigma_heading_rad)
+    assert np.array_equal(course.sigma_rad, np.transpose(sigmas))
 
 
 # --- what a tuned profile may not make worse
@@ -295,13 +290,13 @@ def test_what_is_not_sure_is_no_reference():
     with pytest.raises(InputError, match=r"--reference smooth: .* in 100 and 0 % only") as error:
         read_flight(DATA / "sub_bluerov.tlog", imu(), "smooth")
     assert "\n" not in str(error.value)
-
-
-def test_the_best_reference_is_taken_or_the_one_that_is_wanted():
-    for wanted in ("smooth", "autopilot"):
-        assert read_flight(SLOW, imu(), wanted).reference == wanted
     with pytest.raises(InputError, match="no reference 'sim'"):
         read_flight(DATA / "sub_bluerov.tlog", imu(), "sim")
+
+
+@pytest.mark.parametrize("wanted", ["smooth", "autopilot"])
+def test_another_reference_than_the_best_is_taken_where_it_is_wanted(wanted):
+    assert read_flight(SLOW, imu(), wanted).reference == wanted
 
 
 # --- vectors foretold by the gyroscope alone
