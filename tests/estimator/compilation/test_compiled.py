@@ -47,18 +47,13 @@ OWN = Path(estimator.__file__).parents[1]
 # Some seconds of the filter in plain Python; prints every digit.
 PROGRAM = """
 from drivers.simulation.simulated_vehicle import simulate
-from estimator.filter import kernel
-from estimator.filter.types import FilterState
 from estimator.filter.fuzzy import fuzzy_gain
 from estimator.filter.memberships import LOWER, UPPER, midpoint
-from estimator.profile import load_profile
 from estimator.live.settings import settings_of
+from estimator.profile import load_profile
+from tuning.paper_experiment import filtered
 
-chosen = settings_of(load_profile("paper"))
-signals = simulate(5, 200)
-columns = (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss)
-start = FilterState(chosen.initial)
-q, gains = kernel.run(chosen.filter, chosen.reference, start, *columns, 0.01)
+q, gains = filtered(settings_of(load_profile("paper")), simulate(5, 200))
 numbers = [*q[-1].tolist(), float(gains.sum())]
 for k in (LOWER, midpoint(), UPPER):
     numbers += [fuzzy_gain(k, 0.01 * i, 0.013 * i) for i in range(101)]

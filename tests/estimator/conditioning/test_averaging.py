@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.averaging import (
     WINDOW_S,
@@ -16,9 +15,8 @@ from estimator.conditioning.vertical.averaging import (
 )
 from estimator.conditioning.vertical.gravity import observe_gravity
 from estimator.conditioning.vertical.lowpass import coefficients, low_pass
-from tests.estimator.conditioning.motion import smooth_scalar
+from tests.estimator.conditioning.motion import PARAMS, smooth_scalar
 
-PARAMS = ConditioningParams()
 G, DT = 9.8, 0.05
 KNOWN_BIAS = radians(0.01) ** 2
 

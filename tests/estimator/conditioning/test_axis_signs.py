@@ -14,7 +14,7 @@ from estimator.conditioning.events.axis_signs import (
     watch_axes,
 )
 from estimator.conditioning.events.jump_signs import JumpSigns
-from estimator.conditioning.params import LONG_S, SPAN_S, ConditioningParams
+from estimator.conditioning.params import LONG_S, SPAN_S
 from estimator.conditioning.robust import FAR
 from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.gravity import Force, GravityState
@@ -22,9 +22,8 @@ from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approa
 from estimator.conditioning.vertical.step import VerticalStep
 from estimator.geometry.quaternion import conjugate, rotate, scale
 from estimator.types import IDENTITY
-from tests.estimator.conditioning.motion import turned
+from tests.estimator.conditioning.motion import PARAMS, turned
 
-PARAMS = ConditioningParams()
 FIELD = (0.2, 0.05, 0.43)  # in the body
 DT_S = 0.02
 NO_ERROR = ZERO = (0.0, 0.0, 0.0)

@@ -38,14 +38,13 @@ from estimator.conditioning.field.magnetic import (
     observe_field,
     steepness,
 )
-from estimator.conditioning.params import CONFIRM_S, QUICK_S, SPAN_S, ConditioningParams
+from estimator.conditioning.params import CONFIRM_S, QUICK_S, SPAN_S
 from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.bias import Estimate
 from estimator.conditioning.vertical.gravity import Force
 from estimator.conditioning.vertical.lowpass import Smooth, low_pass
-from tests.estimator.conditioning.motion import smooth_scalar
+from tests.estimator.conditioning.motion import PARAMS, smooth_scalar
 
-PARAMS = ConditioningParams()
 ZERO = (0.0, 0.0, 0.0)
 DT = 0.04
 JUMP = JumpSigns(

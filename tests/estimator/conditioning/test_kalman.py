@@ -8,7 +8,7 @@ import pytest
 from estimator.conditioning.field import calibration
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.field.step import heading_noise, learn_heading
-from estimator.conditioning.params import ACCELERATION_LASTS_S, FORGET_S, ConditioningParams
+from estimator.conditioning.params import ACCELERATION_LASTS_S, FORGET_S
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical import bias as bias_filter
@@ -16,8 +16,8 @@ from estimator.conditioning.vertical.lowpass import Smooth, coefficients
 from estimator.conditioning.vertical.stillness import RestState, Stillness
 from estimator.geometry.axes import FrameAxes, axes_of
 from estimator.geometry.quaternion import exp, normalize, rotate
+from tests.estimator.conditioning.motion import PARAMS
 
-PARAMS = ConditioningParams()
 DT = 0.02
 STILL = (0.0, 0.0, 0.0)
 UPPER = np.triu_indices(4)

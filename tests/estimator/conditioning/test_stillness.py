@@ -5,7 +5,6 @@ from math import cos, pi, radians
 import numpy as np
 import pytest
 
-from estimator.conditioning.params import ConditioningParams
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.metrics import rms
 from estimator.geometry.quaternion import angle_between_vectors, rotate_inverse
@@ -13,6 +12,7 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Sample
 from tests.estimator.conditioning.motion import (
     FIELD_NED,
     GRAVITY_M_S2,
+    PARAMS,
     Stage,
     conditioned,
     fly,
@@ -20,7 +20,6 @@ from tests.estimator.conditioning.motion import (
     vector_errors_rad,
 )
 
-PARAMS = ConditioningParams()
 BIAS = (radians(0.3), radians(-0.2), radians(0.25))
 AXES = {"down": (0.0, 0.0, 1.0), "right": (0.0, 1.0, 0.0), "diagonal": (0.6, 0.0, 0.8)}
 
@@ -125,7 +124,7 @@ def test_a_banked_turn_is_no_rest(bank_deg, has_field):
 
 
 DOWN, NO_FIELD, SLOW_S = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.6
-IN_VEHICLE = ConditioningParams(in_vehicle=True)
+IN_VEHICLE = PARAMS._replace(in_vehicle=True)
 
 
 def errors_deg(tilt_error_rad, shaken_m_s2, seed=1):

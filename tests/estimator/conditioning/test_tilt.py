@@ -5,13 +5,11 @@ from math import degrees, radians
 import numpy as np
 import pytest
 
-from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.tilt import slowness
 from estimator.geometry.quaternion import angle_between_vectors
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Sample
-from tests.estimator.conditioning.motion import Stage
+from tests.estimator.conditioning.motion import PARAMS, Stage
 
-PARAMS = ConditioningParams()
 FIXED = PARAMS._replace(use_step_noise=False, use_averaging=False)
 LEVEL = (0.0, 0.0, -STANDARD_GRAVITY_M_S2)
 DOWN = (0.0, 0.0, 1.0)
