@@ -78,38 +78,23 @@ UNKNOWN = [
     (SMALLEST + "k23 = 1.0\n", "membership.k23"),
     (SMALLEST.replace("true", "true\ngravity_taus = 1.0"), "conditioning.gravity_taus"),
 ]
-# section, its line, and the word; what is wrong is mostly named by both
-WRONG = [
-    *(("filter", f"gamma = {x}", "filter.gamma") for x in ("'one'", "true", "-1.0", "nan", "inf")),
-    ("filter", "rate_time_constant_s = 0.0", "filter.rate_time_constant_s"),
-    ("filter", "euler_step_max_s = 0.02", "filter.euler_step_max_s"),
-    ("filter", "initial_attitude = 'guess'", "filter.initial_attitude"),
-    ("filter", "initial_attitude = [[1.0, 0.0, 0.0]]", "filter.initial_attitude"),
-    ("filter", "initial_attitude = [[1, 0, 0], [0, 1, 0], [0, 0, nan]]", "attitude: nan is not"),
-    *(
-        ("reference", f"gravity = {x}", "reference.gravity")
-        for x in ("[0, 0]", "'down'", "[0, 0, 0]", "[0, 0, 1e-300]", "[0, 0, 1e300]")
-    ),
-    *(
-        ("reference", f"magnetic = {x}", "reference.magnetic")
-        for x in ("[0.0, 0.0, -inf]", "[0, 0, 0]", "'learnt'")
-    ),
-    *(
-        ("reference", f"declination_deg = {x}", "declination_deg")
-        for x in ("181.0", '"unknown"', '"learn"', '""')
-    ),
-    ("confidence", "gravity = -0.1", "confidence.gravity"),
-    ("confidence", "cross = 'none'", "confidence.cross"),
-    ("provenance", "description = 3", "provenance.description"),
-    *(
-        ("mounting", f"rotation_deg = {x}", "rotation_deg")
-        for x in ("[0, 0]", "[0, 0, 181]", "[0, nan, 0]", "90")
-    ),
-    *(("mounting", f"acc_sign = {x}", "acc_sign") for x in (0, 2)),
-    ("calibration", "mag_offset_gauss = [11, 0, 0]", "mag_offset_gauss"),
-    ("calibration", "gyr_matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 0]]", "gyr_matrix"),
-    ("calibration", "acc_bias_m_s2 = [1, 2]", "acc_bias_m_s2"),
-]
+# a number, and what it cannot be
+WRONG = {
+    "filter.gamma": ("'one'", "true", "-1.0", "nan", "inf"),
+    "filter.rate_time_constant_s": ("0.0",),
+    "filter.euler_step_max_s": ("0.02",),
+    "filter.initial_attitude": ("'guess'", "[[1, 0, 0]]", "[[1, 0, 0], [0, 1, 0], [0, 0, nan]]"),
+    "reference.gravity": ("[0, 0]", "'down'", "[0, 0, 0]", "[0, 0, 1e-300]", "[0, 0, 1e300]"),
+    "reference.magnetic": ("[0.0, 0.0, -inf]", "[0, 0, 0]", "'learnt'"),
+    "reference.declination_deg": ("181.0", '"unknown"', '"learn"', '""'),
+    "confidence.gravity": ("-0.1",),
+    "confidence.cross": ("'none'",),
+    "provenance.description": ("3",),
+    "mounting.rotation_deg": ("[0, 0]", "[0, 0, 181]", "[0, nan, 0]", "90"),
+    "mounting.acc_sign": ("0", "2"),
+    "calibration.mag_offset_gauss": ("[11, 0, 0]",),
+    "calibration.acc_bias_m_s2": ("[1, 2]",),
+}
 # what stands in the smallest profile, what stands there instead, and the word
 CHANGED = [
     *(("k1 = 0.075", f"k1 = {x}", "membership.k1") for x in (0.16, -0.01, "nan")),  # out of bounds
@@ -139,9 +124,14 @@ BOMBS = (
 REFUSED = [
     *((f"{text}\n{SMALLEST}",) for text in BOMBS),
     *((text, "unknown", *words) for text, *words in UNKNOWN),
-    *((f"{SMALLEST}[{section}]\n{line}\n", word) for section, line, word in WRONG),
+    *(
+        (SMALLEST + "[{}]\n{} = {}\n".format(*name.split("."), value), name)
+        for name, values in WRONG.items()
+        for value in values
+    ),
     *((SMALLEST.replace(old, new, 1), word) for old, new, word in CHANGED),
     (SMALLEST + "filter = 3\n", "membership"),  # within [membership], where the text ends
+    (SMALLEST + "[calibration]\ngyr_matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 0]]\n", "gyr_matrix"),
     (MEMBERSHIP, "conditioning"),
     *((text, "is empty") for text in ("", "# [mounting]\n")),
     *((text, "not TOML") for text in ("[filter", "a = = 1", "k1 = 0.1\nk1 = 0.2", "\x00")),
