@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.arrays import Floats
 from estimator.conditioning.condition import Conditioned, condition
 from estimator.conditioning.gather import NOTHING, Gathered
 from estimator.conditioning.params import ConditioningParams
@@ -150,6 +151,20 @@ def vector_errors_rad(out: Conditioned, q_ned_frd: Quaternion) -> tuple[float, f
     down, north = (qn.rotate_inverse(q_ned_frd, v) for v in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)))
     apart_rad = qn.angle_between_vectors
     return apart_rad(out.gravity_b, down), apart_rad(out.magnetic_b, north)
+
+
+def inclinations(
+    samples: Iterable[Sample],
+    dt: float,
+    params: ConditioningParams = PARAMS,
+    memory: Memory | None = None,
+) -> Floats:
+    """Error and sigma of each sample's inclination (2, N), degrees."""
+    found = [
+        (vector_errors_rad(out, s.q_ned_frd)[0], out.sigma_inclination_rad)
+        for s, out, _ in conditioned(samples, dt, params, memory)
+    ]
+    return np.degrees(found).T
 
 
 def smooth_scalar(k, y, w, u):

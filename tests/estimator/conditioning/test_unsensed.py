@@ -18,6 +18,7 @@ from tests.estimator.conditioning.motion import (
     conditioned,
     fly,
     in_field,
+    inclinations,
     pushed,
     resting,
     swayed_hand,
@@ -39,15 +40,6 @@ def advance(memory, samples, params=PARAMS):
         memory = now
         errors.append(degrees(max(vector_errors_rad(out, s.q_ned_frd))))
     return memory, np.array(errors)
-
-
-def verticals(samples, memory=None):
-    """Error and sigma of each sample's inclination, degrees."""
-    found = [
-        (vector_errors_rad(out, s.q_ned_frd)[0], out.sigma_inclination_rad)
-        for s, out, _ in conditioned(samples, DT, memory=memory)
-    ]
-    return np.degrees(found).T
 
 
 def has_noticed_a_turn(seen):
@@ -129,7 +121,8 @@ def test_without_a_field_a_turn_is_found_by_the_force(axis, angle_deg, aware_s, 
         for s in fly(tumbling, 36.0, DT)
     ]
     memory, _ = advance(None, samples[:3000])
-    error, sigma = verticals(samples[3000:], turned_by(memory, axis, angle_deg, samples[2999]))
+    turned = turned_by(memory, axis, angle_deg, samples[2999])
+    error, sigma = inclinations(samples[3000:], DT, memory=turned)
     assert found_s(error) == pytest.approx(measured_s, rel=0.2)
     late = slice(round(aware_s / DT), round(measured_s / DT))
     assert np.all(error[late] < 3.0 * sigma[late])
@@ -232,7 +225,7 @@ def test_a_magnet_that_is_swept_past_moves_no_vertical():
         pushed(swept(s, t), (3.0 * sin(2.0 * t), 3.0 * cos(2.5 * t), 0.0))
         for t, s in timed(fly(tumbling, 40.0, DT))
     )
-    errors, _ = verticals(samples)
+    errors, _ = inclinations(samples, DT)
     assert max(errors[3100:]) < 5.3  # measured 4.4; 17.0
 
 
@@ -348,7 +341,7 @@ def test_beside_a_magnet_the_force_still_shows_what_a_gyroscope_at_its_end_has_m
     magnet, within_s
 ):
     """With the magnet the jump of the field counts as no turn, so that the force has to show it."""
-    vertical_deg, sigma_deg = verticals(rolled(magnet))
+    vertical_deg, sigma_deg = inclinations(rolled(magnet), DT)
     assert vertical_deg[1515] > 20.0
     off = np.flatnonzero(vertical_deg[1500:] > 3.0)
     assert DT * (off[-1] + 1) == pytest.approx(within_s, rel=0.2)
