@@ -138,7 +138,6 @@ def test_profiles_of_the_other_kind_can_be_swapped_in(first, second, sigma_rad):
     """The north of the paper lies 45 deg away: to turn there is a pull that is forgotten."""
     stream = samples(600, motion="rest")
     estimator = fed(load_profile(first), stream[:300])
-    before = estimator.attitude(stream[299].time_us)
     estimator.replace_profile(load_profile(second))
     for sample in stream[300:]:
         assert estimator.update(sample) is None
@@ -146,7 +145,6 @@ def test_profiles_of_the_other_kind_can_be_swapped_in(first, second, sigma_rad):
     assert after.heading_reference == ("true" if second == "paper" else "magnetic")
     assert after.sigma_heading_rad == pytest.approx(sigma_rad, rel=0.2)
     assert_attitude_close(after.q_ned_frd, after.q_ned_frd, 0.0)
-    assert before.time_us < after.time_us
     if second == "paper":
         assert (after.confidence_gravity, after.confidence_magnetic) == (1.0, 1.0)
 
@@ -164,9 +162,7 @@ def test_output_is_propagated_with_the_last_rate_up_to_the_horizon(profile):
     elsewhere = multiply(exp(phi), now.q_ned_frd)
     assert angle_rad(later.q_ned_frd, elsewhere) > 0.02  # the order shows
     far = estimator.attitude(at + 3_600_000_000)
-    assert_attitude_close(
-        far.q_ned_frd, estimator.attitude(at + round(1e6 * OUTPUT_HORIZON_S)).q_ned_frd, 1e-12
-    )
+    assert_attitude_close(far.q_ned_frd, later.q_ned_frd, 1e-12)
     past = estimator.attitude(at - 1_000_000)  # never propagated backwards
     assert past.q_ned_frd == now.q_ned_frd
 

@@ -184,25 +184,23 @@ def test_a_file_does_not_hide_a_shipped_name(tmp_path, monkeypatch):
 def test_toml_round_trip_keeps_every_digit():
     rng = np.random.default_rng(60)
     for k in (LOWER, UPPER, *(random_memberships(rng) for _ in range(20))):
-        changed = merge_profile(
-            load_profile("imu"), {"membership": dict(zip(NAMES, k, strict=True))}
-        )
+        known = dict(zip(NAMES, k, strict=True))
+        changed = merge_profile(load_profile("imu"), {"membership": known})
         again = parse_profile(profile_to_toml(changed), "again")
         assert again == changed
         assert again.k == k
 
 
 def test_json_names_every_number():
-    tree = profile_to_json(load_profile("imu"))
+    imu = load_profile("imu")
+    tree = profile_to_json(imu)
     assert list(tree) == [
         *("reference", "filter", "membership", "confidence", "conditioning", "aiding"),
         *("mounting", "calibration", "rates", "provenance"),
     ]
     assert list(tree["membership"]) == list(NAMES)
     assert "gravity_tau_s" in tree["conditioning"]
-    assert settings_of(merge_profile(load_profile("paper"), tree)) == settings_of(
-        load_profile("imu")
-    )
+    assert settings_of(merge_profile(load_profile("paper"), tree)) == settings_of(imu)
 
 
 def test_21_numbers_are_not_feasible():

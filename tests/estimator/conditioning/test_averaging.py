@@ -116,13 +116,11 @@ def test_it_may_be_switched_off():
 def test_step_is_the_solution_of_the_differential_equation(dt):
     tau, u = 0.5, 1.0
     y, w = 0.3, -0.2
-    solution = solve_ivp(
-        lambda _t, x: [x[1] / tau, (2.0 * (u - x[0]) - 2.0 * x[1]) / tau],
-        (0.0, dt),
-        [y, w],
-        rtol=1e-10,
-        atol=1e-12,
-    )
+
+    def slopes(_t, x):
+        return [x[1] / tau, (2.0 * (u - x[0]) - 2.0 * x[1]) / tau]
+
+    solution = solve_ivp(slopes, (0.0, dt), [y, w], rtol=1e-10, atol=1e-12)
     value, slope = smooth_scalar(low_pass(tau, dt), y, tau * w, u)
     assert (value, slope / tau) == pytest.approx(solution.y[:, -1], abs=1e-8)
 

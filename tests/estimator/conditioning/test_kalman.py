@@ -67,9 +67,8 @@ def vector_of(estimate):
 def assert_is(estimate, x, p):
     now, covariance = vector_of(estimate)
     assert now == pytest.approx(x, rel=1e-9, abs=1e-13)
-    assert covariance / np.sqrt(np.outer(np.diag(p), np.diag(p))) == pytest.approx(
-        p / np.sqrt(np.outer(np.diag(p), np.diag(p))), abs=1e-9
-    )
+    scale = np.sqrt(np.outer(np.diag(p), np.diag(p)))
+    assert covariance / scale == pytest.approx(p / scale, abs=1e-9)
 
 
 def test_time_passes_as_in_matrices(rng):
@@ -96,8 +95,7 @@ def test_rest_shows_the_bias(rng):
     after = bias_filter.learn_at_rest(PARAMS, k, before, axes, rest, still)
     noises = k.rest_noise + np.array([level, level, down]) * PARAMS.rest_time_s / DT
     h = np.column_stack([axes, np.zeros(3)])
-    x, p = updated(x, p, h, h[:, :3] @ (gyr - turning - x[:3]), noises)
-    assert_is(after, x, p)
+    assert_is(after, *updated(x, p, h, h[:, :3] @ (gyr - turning - x[:3]), noises))
 
 
 def test_levelling_in_motion_shows_the_bias(rng):
@@ -200,16 +198,11 @@ def test_what_changes_the_field_of_a_body_that_stands_still_is_scatter():
 @pytest.mark.parametrize(("sigma", "share"), [(0.0, 1.0), (0.05, 0.75), (0.15, 0.25)])
 def test_of_an_own_field_the_share_counts_that_is_no_error(sigma, share):
     covariance = (sigma**2, 0.3, 0.2, 0.1, sigma**2, 0.1, 0.2, sigma**2, 0.3, 0.1)
-    offset = np.array((0.03, 0.0, 0.04))
-    found, left = calibration.own_field(
-        calibration.Calibration(0.0, tuple(offset.tolist()), covariance, 0.48)
-    )
-    assert found == pytest.approx(tuple(share * offset))
+    learnt = calibration.Calibration(0.0, (0.03, 0.0, 0.04), covariance, 0.48)
+    found, left = calibration.own_field(learnt)
+    assert found == pytest.approx((share * 0.03, 0.0, share * 0.04))
     assert left == pytest.approx(share * sigma**2 / 9.0)
-    assert calibration.own_field(calibration.Calibration(0.0, STILL, covariance, 0.48)) == (
-        STILL,
-        0.0,
-    )
+    assert calibration.own_field(learnt._replace(offset=STILL)) == (STILL, 0.0)
 
 
 def test_a_field_is_taken_without_the_own_one_and_turned_on_by_its_age(rng):

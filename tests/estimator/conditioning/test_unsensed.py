@@ -198,14 +198,10 @@ def test_of_headings_that_are_given_up_in_steps_the_first_is_remembered():
     assert give_up(heading._replace(other_s=heading.other_s - 11.0), 0.9).other_rad == 0.9
 
 
-def beside_iron(sample, t):
-    """The sample where, from 20 to 30 s, the dip falls by five degrees."""
-    share = min(1.0, max(0.0, 0.1 * t - 2.0))
-    return in_field(sample, add(FIELD_NED, (0.04 * share, 0.0, -0.015 * share)))
-
-
 def test_a_sudden_turn_is_found_where_the_field_is_not_as_learnt():
-    samples = [beside_iron(s, t) for t, s in timed(fly(tumbling, 50.0, DT))]
+    """From 20 to 30 s the dip falls by five degrees."""
+    shares = ((np.clip(0.1 * t - 2.0, 0.0, 1.0), s) for t, s in timed(fly(tumbling, 50.0, DT)))
+    samples = [in_field(s, add(FIELD_NED, (0.04 * x, 0.0, -0.015 * x))) for x, s in shares]
     memory, _ = advance(None, samples[:3100])
     assert memory.known.field.magnetic.look.confidence == pytest.approx(0.42, rel=0.2)
     _, errors = advance(turned_by(memory, "down", 60.0, samples[3099]), samples[3100:])

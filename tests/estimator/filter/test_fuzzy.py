@@ -227,9 +227,7 @@ def test_rules_are_the_papers_table():
         VL VL M  S VS
     """
     terms = ("VS", "S", "M", "L", "VL")
-    rows = [
-        [terms.index(term) for term in line.split()] for line in printed.split("\n") if line.strip()
-    ]
+    rows = [[terms.index(each) for each in line.split()] for line in printed.strip().split("\n")]
     assert tuple(tuple(reversed(row)) for row in reversed(rows)) == fuzzy.RULES
 
 

@@ -15,15 +15,14 @@ from tests.paper_noise import NoiseScale, samples_of, simulate_scaled
 from tests.vocabulary import floats
 
 FLOORS = floats(0.0, 40.0)
-SAMPLES = 400
 
 
-def run(scale, start=None, seed=11, samples=SAMPLES):
+def run(scale, start=None, seed=11):
     """The states of profile ``adaptive`` over the paper's signals."""
     chosen = settings_of(load_profile("adaptive"))
     state = FilterState(chosen.initial if start is None else start)
     states = []
-    for k, s in enumerate(samples_of(simulate_scaled(seed, samples, scale))):
+    for k, s in enumerate(samples_of(simulate_scaled(seed, 400, scale))):
         if k > 0:
             state = kernel.propagate(state, s.gyr_rad_s, 0.01)
         vectors = raw_vectors(chosen.reference, s.acc_m_s2, s.mag_gauss, True)
