@@ -21,15 +21,13 @@ BIAS = (radians(0.3), radians(-0.2), radians(0.25))
 AXES = {"down": (0.0, 0.0, 1.0), "right": (0.0, 1.0, 0.0), "diagonal": (0.6, 0.0, 0.8)}
 
 
-def own_bias(_t):
-    """The gyroscope shows its bias and nothing else."""
-    return BIAS
-
-
 def turn_slowly(
-    rate, seconds, dt, *, shown=own_bias, mag_every=1, has_mag=True, noises=(0.002, 0.03)
+    rate, seconds, dt, *, shown=lambda _t: BIAS, mag_every=1, has_mag=True, noises=(0.002, 0.03)
 ):
-    """Errors (N, 2) of gravity and north, deg, and that of the bias at the end, deg/s."""
+    """Errors (N, 2) of gravity and north, deg, and that of the bias at the end, deg/s.
+
+    The gyroscope shows ``shown``, the time's, besides the rate.
+    """
     rng = np.random.default_rng(5)
 
     def noisy(k, s):

@@ -139,19 +139,6 @@ def test_sigma_knows_whether_errors_are_common_and_grows_by_what_is_between(
 
 
 RATE_HZ = 10.0
-TURNED_S, TURNED_RAD = (60.0, 100.0), 0.7
-
-
-def disturbed_flight():
-    """A flight whose field is turned to the east for 40 s."""
-    flight = banked_flight(seconds=160.0, rate_hz=RATE_HZ, report_hz=5.0, bank_rad=0.1)
-    q = np.array(flight.truth)
-    time_s = np.arange(len(q)) / RATE_HZ
-    is_turned = (time_s >= TURNED_S[0]) & (time_s < TURNED_S[1])
-    field = rotate(q, np.array([s.mag_gauss for s in flight.samples]))
-    field = rotate(about_down(np.where(is_turned, TURNED_RAD, 0.0)), field)
-    mag = map(tuple, rotate(conjugate(q), field).tolist())
-    return changed(flight, lambda sample, _: sample._replace(mag_gauss=next(mag))), q, is_turned
 
 
 def heading_deg(attitudes, q):
@@ -160,7 +147,15 @@ def heading_deg(attitudes, q):
 
 
 def test_a_field_that_points_elsewhere_for_a_while_does_not_count_on_the_way_back():
-    flight, q, is_turned = disturbed_flight()
+    """To the east, for 40 s."""
+    flight = banked_flight(seconds=160.0, rate_hz=RATE_HZ, report_hz=5.0, bank_rad=0.1)
+    q = np.array(flight.truth)
+    time_s = np.arange(len(q)) / RATE_HZ
+    is_turned = (time_s >= 60.0) & (time_s < 100.0)
+    field = rotate(q, np.array([s.mag_gauss for s in flight.samples]))
+    field = rotate(about_down(np.where(is_turned, 0.7, 0.0)), field)
+    mag = map(tuple, rotate(conjugate(q), field).tolist())
+    flight = changed(flight, lambda sample, _: sample._replace(mag_gauss=next(mag)))
     recorder = Recorder(load_profile("imu"))
     causal = np.array([a.q_ned_frd for a in flown(recorder, flight)])
     (recording,) = recorder.recordings()
