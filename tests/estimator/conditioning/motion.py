@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Floats
 from estimator.conditioning.condition import Conditioned, condition
 from estimator.conditioning.gather import NOTHING, Gathered
 from estimator.conditioning.params import ConditioningParams
@@ -92,14 +91,8 @@ def in_field(sample: Sample, field_ned: Vec3) -> Sample:
 
 
 def swayed_hand(
-    seed: int,
-    seconds: float = 10.0,
-    *,
-    push_m_s2: float = 3.0,
-    rates_hz: Vec3 = (0.5, 0.7, 0.9),
-    turning: float = 1.0,
-    begin_s: float = 0.0,
-) -> Iterator[Sample]:
+    seed, seconds=10.0, push_m_s2=3.0, rates_hz=(0.5, 0.7, 0.9), turning=1.0, begin_s=0.0
+):
     """A hand that turns, and accelerates to and fro along each axis from a time on; 100 Hz."""
     phases = np.random.default_rng(seed).uniform(0.0, 2.0 * pi, 3)
     for k, s in enumerate(fly(lambda t: qn.scale(turning, hand(t + 10.0 * seed)), seconds, 0.01)):
@@ -153,12 +146,7 @@ def vector_errors_rad(out: Conditioned, q_ned_frd: Quaternion) -> tuple[float, f
     return apart_rad(out.gravity_b, down), apart_rad(out.magnetic_b, north)
 
 
-def inclinations(
-    samples: Iterable[Sample],
-    dt: float,
-    params: ConditioningParams = PARAMS,
-    memory: Memory | None = None,
-) -> Floats:
+def inclinations(samples, dt, params=PARAMS, memory=None):
     """Error and sigma of each sample's inclination (2, N), degrees."""
     found = [
         (vector_errors_rad(out, s.q_ned_frd)[0], out.sigma_inclination_rad)

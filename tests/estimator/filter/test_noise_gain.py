@@ -6,11 +6,11 @@ from hypothesis import given
 
 from drivers.simulation.simulated_vehicle import GYRO_NOISE_RAD_S, VECTOR_NOISE
 from estimator.filter import kernel, noise_gain
-from estimator.filter.observation import raw_vectors
 from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import exp, rotate_inverse, unit
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
+from estimator.types import Sample
 from tests.paper_noise import NoiseScale, samples_of, simulate_scaled
 from tests.vocabulary import floats
 
@@ -20,15 +20,11 @@ FLOORS = floats(0.0, 40.0)
 def run(scale, start=None, seed=11):
     """The states of profile ``adaptive`` over the paper's signals."""
     chosen = settings_of(load_profile("adaptive"))
-    state = FilterState(chosen.initial if start is None else start)
-    states = []
-    for k, s in enumerate(samples_of(simulate_scaled(seed, 400, scale))):
-        if k > 0:
-            state = kernel.propagate(state, s.gyr_rad_s, 0.01)
-        vectors = raw_vectors(chosen.reference, s.acc_m_s2, s.mag_gauss, True)
-        state = kernel.correct(chosen.filter, state, vectors, 0.01)
-        states.append(state)
-    return states
+    states = [FilterState(chosen.initial if start is None else start)]
+    for _, gyr, acc, mag, _ in samples_of(simulate_scaled(seed, 400, scale)):
+        sample = Sample(gyr, acc, mag, True, 0.01)
+        states.append(kernel.step(chosen.filter, chosen.reference, states[-1], sample))
+    return states[1:]
 
 
 @given(FLOORS, FLOORS, FLOORS, floats(noise_gain.RESTING_LEAST, noise_gain.RESTING_MOST))

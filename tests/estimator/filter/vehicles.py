@@ -4,23 +4,15 @@ import numpy as np
 
 from estimator.filter.memberships import midpoint
 from estimator.filter.observation import ReferenceParams
-from estimator.filter.types import FilterParams, Vectors
+from estimator.filter.types import Vectors
 from estimator.geometry.quaternion import cross, rotate_inverse, unit
+from estimator.live.settings import settings_of
+from estimator.profile import load_profile
 
 MAGNETIC = unit((1.0, -1.0, 1.0))
 GRAVITY = (0.0, 0.0, 1.0)
 PAPER = ReferenceParams(MAGNETIC, GRAVITY, 1.0, 1.0, 1.0)
-FUZZY = FilterParams(
-    gamma=1.0,
-    bias_bound_rad_s=2.0,
-    rate_time_constant_s=0.3,
-    euler_step_max_s=0.01,
-    first_step_s=0.01,
-    memberships=midpoint(),
-    gain_is_fixed=False,
-    fixed_gain=1.0,
-    gain_knows_noise=False,
-)
+FUZZY = settings_of(load_profile("paper")).filter._replace(memberships=midpoint())
 
 
 def fixed(gain, **changes):
