@@ -107,29 +107,27 @@ def random_inputs(rng):
 
 
 def draws(rng):
-    """Memberships and inputs of every sort: the sort, k, e and its rate."""
+    """Memberships and inputs of every sort: k, e and its rate."""
     for _ in range(2_000):
-        yield "random", random_memberships(rng), *random_inputs(rng)
+        yield random_memberships(rng), *random_inputs(rng)
     for _ in range(500):  # vertical edges, points and shared corners abound
         k = random_memberships(rng, round_to=0.05)
-        yield "on a grid", k, *random_inputs(rng)
-        yield "on a grid", k, *rng.choice(corner_inputs(k), 2).tolist()
+        yield k, *random_inputs(rng)
+        yield k, *rng.choice(corner_inputs(k), 2).tolist()
     for k in (midpoint(), random_memberships(rng)):
         for inputs in product(corner_inputs(k)[::2], corner_inputs(k)[1::2]):
-            yield "corners", k, *inputs
+            yield k, *inputs
     # the lower bounds hold vertical edges at 0, 0.1, 0.2, 20; the upper ones at 0.2, 20 and 50
     for k in (LOWER, UPPER):
         for inputs in product([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.6, 1.0], repeat=2):
-            yield "bounds", k, *inputs
+            yield k, *inputs
         for _ in range(200):
-            yield "bounds", k, *random_inputs(rng)
+            yield k, *random_inputs(rng)
 
 
-@pytest.mark.parametrize("sort", ["random", "on a grid", "corners", "bounds"])
-def test_agrees_with_exact_arithmetic(sort):
-    for name, *case in draws(np.random.default_rng(20)):
-        if name == sort:
-            assert_same_gain(*case)
+def test_agrees_with_exact_arithmetic():
+    for case in draws(np.random.default_rng(20)):
+        assert_same_gain(*case)
 
 
 @pytest.mark.parametrize("faint", [1e-9, 1e-12, 1e-15, 1e-17, 1e-30, 1e-300, 5e-324])

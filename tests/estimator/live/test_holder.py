@@ -14,6 +14,7 @@ from estimator.profile import load_profile
 from estimator.types import VelocitySample
 
 READINGS = (0.0, 0.0, 0.1, 0.0, 0.0, -9.8, 0.2, 0.0, 0.4)
+SETTINGS = settings_of(load_profile("imu"))
 REPORT = VelocitySample(0, (1.0, 2.0, 3.0), True, 0.3)
 compiled_only = pytest.mark.skipif(
     bool(numba.config.DISABLE_JIT), reason="plain Python minds by itself"
@@ -22,16 +23,14 @@ compiled_only = pytest.mark.skipif(
 
 @pytest.fixture
 def holder():
-    settings = settings_of(load_profile("imu"))
-    holder = Holder(settings, initial_core(settings))
+    holder = Holder(SETTINGS, initial_core(SETTINGS))
     holder.advance(1, *READINGS, True, 0, 0, 0)
     return holder
 
 
 @pytest.mark.parametrize("wrong", [None, "1", (1.0, 2.0), [], REPORT._replace(sigma_m_s=None)])
-@pytest.mark.parametrize("step", ["take_other_report", "search"])
-def test_what_is_no_report(holder, step, wrong):
-    others = {"take_other_report": (0,)}.get(step, ())
+@pytest.mark.parametrize(("step", "others"), [("take_other_report", (0,)), ("search", ())])
+def test_what_is_no_report(holder, step, others, wrong):
     before = holder.core
     with pytest.raises(InputError, match=r"stands where|no source of aiding"):
         getattr(holder, step)(wrong, *others)
@@ -58,18 +57,16 @@ def test_another_number_of_arguments(holder, count):
             step(*(1,) * count)
 
 
-def rows(kind=np.float64, spread=1, n=4):
+def rows(kind=np.float64, spread=1):
     """Samples a tenth of a second apart, of numbers that float32 and float64 both hold."""
-    vectors = [np.tile(v, (n, spread)).astype(kind)[:, :3] for v in np.reshape(READINGS, (3, 3))]
-    vectors = [np.round(v * 1024) / 1024 for v in vectors]
-    times = np.arange(1, n + 1) * 100_000
-    return Rows(times, *vectors, np.ones(n, np.bool_))
+    vectors = np.round(np.reshape(READINGS, (3, 3)) * 1024) / 1024
+    columns = (np.tile(v, (4, spread)).astype(kind)[:, :3] for v in vectors)
+    return Rows(np.arange(1, 5) * 100_000, *columns, np.ones(4, np.bool_))
 
 
 @pytest.mark.parametrize(("kind", "spread"), [(np.float32, 1), (np.float64, 2), (np.float32, 3)])
 def test_rows_of_another_type_or_layout_are_converted(holder, kind, spread):
-    settings = settings_of(load_profile("imu"))
-    other = Holder(settings, holder.core)
+    other = Holder(SETTINGS, holder.core)
     output, wanted = np.zeros((4, OUTPUT_SIZE)), np.zeros((4, OUTPUT_SIZE))
     for one, given, out in ((holder, rows(), wanted), (other, rows(kind, spread), output)):
         one.bind_rows(given, out, NO_REPORT_ROWS)
