@@ -31,13 +31,7 @@ CALIBRATION = {
     "mag_offset_gauss": [0.06, -0.04, 0.05],
     "mag_matrix": [[1.05, 0.03, 0.0], [0.03, 0.97, -0.02], [0.0, -0.02, 1.0]],
 }
-CASES = [
-    {},
-    {"acc_sign": -1},
-    {"rotation_deg": [180.0, 0.0, 0.0]},
-    {"rotation_deg": [0.0, 0.0, -90.0]},
-    ODD,
-]
+CASES = [{}, {"acc_sign": -1}, {"rotation_deg": [180, 0, 0]}, {"rotation_deg": [0, 0, -90]}, ODD]
 
 
 def profile(calibration=(), **mounting):

@@ -30,7 +30,6 @@ from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import (
     DIP_SCALE_RAD,
     NORM_SCALE,
-    AlternativeField,
     FieldLook,
     FieldReference,
     MagneticState,
@@ -276,16 +275,7 @@ def test_nothing_resembles_the_reference_that_readings_of_zero_teach(norm):
     assert confidence_in(norm, DIP, (0.0, 0.0)) == 0.0
 
 
-LOOK = FieldLook(horizontal=0.28, down=0.41, confidence=0.6)
-REFERENCE = FieldReference(
-    horizontal=0.25,
-    down=0.43,
-    samples=50.0,
-    age_s=12.0,
-    confirmed_s=7.0,
-    other=AlternativeField(0.29, 0.40, 3.0),
-    uneven=0.002,
-)
+REFERENCE = FieldReference(horizontal=0.25, down=0.43, samples=20.0)
 
 
 def test_steepness_is_the_squared_tangent_of_the_dip_and_bounded():
@@ -297,8 +287,8 @@ def test_steepness_is_the_squared_tangent_of_the_dip_and_bounded():
 @pytest.mark.parametrize(("age_s", "count"), [(3.0, 1.0), (8.0, 2.0)])
 def test_a_vertical_that_is_not_settled_teaches_by_the_square_of_it(age_s, count):
     """Later its readings count twice, until as many have counted as came."""
-    reference = REFERENCE._replace(age_s=age_s, samples=20.0)
-    state = MagneticState(LOOK, reference, 0.3)
+    look = FieldLook(horizontal=0.28, down=0.41, confidence=0.6)
+    state = MagneticState(look, REFERENCE._replace(age_s=age_s), 0.3)
     after = observe_field(PARAMS, state, (0.28, 0.0, 0.41), 0.1, 0.5)
     assert after.reference.samples == pytest.approx(20.0 + count * 0.25)
     assert after.reference.age_s == pytest.approx(age_s + 0.1)

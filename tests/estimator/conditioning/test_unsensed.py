@@ -116,10 +116,8 @@ def test_a_turn_of_20_degrees_is_found_by_the_jump_of_the_field(motion, axis, me
 )
 def test_without_a_field_a_turn_is_found_by_the_force(axis, angle_deg, aware_s, measured_s):
     rng = np.random.default_rng(2)
-    samples = [
-        s._replace(acc=add(s.acc, tuple(rng.normal(0.0, 0.3, 3))), has_mag=False)
-        for s in fly(tumbling, 36.0, DT)
-    ]
+    flight = ((s, tuple(rng.normal(0.0, 0.3, 3))) for s in fly(tumbling, 36.0, DT))
+    samples = [s._replace(acc=add(s.acc, noise), has_mag=False) for s, noise in flight]
     memory, _ = advance(None, samples[:3000])
     turned = turned_by(memory, axis, angle_deg, samples[2999])
     error, sigma = inclinations(samples[3000:], DT, memory=turned)

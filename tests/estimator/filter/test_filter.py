@@ -36,18 +36,10 @@ def random_vectors(rng):
 
 
 def random_state(rng):
-    bias = tuple(rng.uniform(-0.5, 0.5, 3).tolist())
-    error, rate = rng.uniform(0.0, 1.0), rng.uniform(-1.0, 1.0)
-    return FilterState(
-        random_quaternion(rng),
-        bias,
-        error,
-        rate,
-        rng.uniform(1.0, 101.0),
-        bool(rng.random() < 0.9),
-        tuple(rng.uniform(-1.0, 1.0, 3).tolist()),
-        random_noise(rng),
-    )
+    bias, rate = (tuple(rng.uniform(-most, most, 3).tolist()) for most in (0.5, 1.0))
+    error_rate_gain = rng.uniform((0.0, -1.0, 1.0), (1.0, 1.0, 101.0)).tolist()
+    q, has_error, noise = random_quaternion(rng), bool(rng.random() < 0.9), random_noise(rng)
+    return FilterState(q, bias, *error_rate_gain, has_error, rate, noise)
 
 
 def random_noise(rng):
