@@ -103,16 +103,12 @@ def test_another_mounting_in_flight_aligns_anew():
     assert angle_errors(q, pairs[100][1])[2] < radians(1.0)
 
 
-def z_up(k):
-    """A level IMU that gives gravity: z = +1025 mg."""
-    return messages.raw_imu(20_000 * k, (5, 3, 1025), (0, 0, 300 * (k % 40 < 20)))
-
-
 def notices(chosen):
-    """What the service reports of an IMU whose z is positive."""
+    """What the service reports of a level IMU that gives gravity: z = +1025 mg."""
     pipeline, texts = Pipeline(chosen), []
-    beat = messages.heartbeat(messages.GENERIC, 10)
-    events = messages.decode_all([beat, *map(z_up, range(1, 600))])
+    rates = ((k, (0, 0, 300 * (k % 40 < 20))) for k in range(1, 600))
+    imu = (messages.raw_imu(20_000 * k, (5, 3, 1025), gyr) for k, gyr in rates)
+    events = messages.decode_all([messages.heartbeat(messages.GENERIC, 10), *imu])
     for event in events:
         texts += [x.text for x in pipeline.handle(event) if isinstance(x, Message)]
     assert {event.section for event in messages.only(Notice, events)} == {"mounting"}

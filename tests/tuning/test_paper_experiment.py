@@ -1,5 +1,7 @@
 """The paper's experiment: its figures, the search's costs beside its own, and other noise."""
 
+from functools import partial
+
 import msgspec
 import numpy as np
 import pytest
@@ -114,14 +116,8 @@ def test_shipped_fuzzy_gain_beats_these_fixed_gains_within_the_papers_window():
 
 OTHER_SEEDS = range(9_100, 9_116)
 FIXED = (2.0, 3.0, 5.0, 7.0, 10.0, 15.0, 20.0, 30.0)
-
-
-def vectors_x5(seed):
-    return simulate_scaled(seed, COST_SAMPLES, NoiseScale(vectors=5.0))
-
-
-def gyroscope_x5(seed):
-    return simulate_scaled(seed, COST_SAMPLES, NoiseScale(gyroscope=5.0))
+VECTORS_X5 = partial(simulate_scaled, samples=COST_SAMPLES, scale=NoiseScale(vectors=5.0))
+GYROSCOPE_X5 = partial(simulate_scaled, samples=COST_SAMPLES, scale=NoiseScale(gyroscope=5.0))
 
 
 def with_outliers(seed):
@@ -141,7 +137,7 @@ def least_error(signals):
     return min(figures("paper", OTHER_SEEDS, gain, signals)[1].mean() for gain in FIXED)
 
 
-@pytest.mark.parametrize("signals", [vectors_x5, gyroscope_x5])
+@pytest.mark.parametrize("signals", [VECTORS_X5, GYROSCOPE_X5], ids=["vectors", "gyroscope"])
 def test_at_five_times_the_noise_it_is_steady_and_settles_as_soon_as_the_largest_gain(signals):
     _, errors, times_s = figures("adaptive", OTHER_SEEDS, None, signals)
     assert errors.mean() < 1.15 * least_error(signals)
@@ -158,6 +154,6 @@ def test_it_costs_less_than_the_papers_whose_rules_suit_one_noise():
     ours, papers = (figures(name, OTHER_SEEDS).mean(axis=1) for name in ("adaptive", "paper"))
     assert ours[0] < 0.97 * papers[0]
     ours, papers = (
-        figures(name, OTHER_SEEDS, None, vectors_x5).mean(axis=1) for name in ("adaptive", "paper")
+        figures(name, OTHER_SEEDS, None, VECTORS_X5).mean(axis=1) for name in ("adaptive", "paper")
     )
     assert papers[1] > 3.0 * ours[1]

@@ -120,10 +120,8 @@ def test_a_record_of_another_search_is_refused(options):
 
 # --- whatever a search asks for becomes feasible, and stays what it was if it already is
 
-anywhere = st.lists(st.floats(-300.0, 300.0), min_size=22, max_size=22)
 
-
-@given(anywhere)
+@given(st.lists(st.floats(-300.0, 300.0), min_size=22, max_size=22))
 def test_any_position_becomes_feasible_and_stays_so(x):
     k = make_feasible(MEMBERSHIP, np.array([x]))
     require_feasible(tuple(k[0].tolist()))

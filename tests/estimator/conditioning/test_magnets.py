@@ -106,26 +106,16 @@ def test_a_force_of_another_size_than_gravity_shows_an_accelerometers_error(
     assert found == (pytest.approx(inclination_deg, rel=0.2), pytest.approx(heading_deg, rel=0.2))
 
 
-def as_it_is(_t, sample):
-    return sample
-
-
-def in_bent_field(t, sample):
-    """The field turns to and fro."""
-    angle = radians(6.0) * sin(2.0 * np.pi * 0.03 * t)
-    return in_field(sample, rotate(exp((0.0, 0.0, angle)), FIELD_NED))
-
-
-def with_stretched_axis(_t, sample):
-    """Norm and dip vary with the attitude, and so does the heading."""
-    x, y, z = sample.mag
-    return sample._replace(mag=(x, 1.25 * y, z))
-
-
 @pytest.mark.parametrize(
-    ("reading", "heading_deg"),
-    [(as_it_is, 0.315), (in_bent_field, 5.03), (with_stretched_axis, 18.4)],
+    ("bend_deg", "scale", "heading_deg"), [(0.0, 1.0, 0.315), (6.0, 1.0, 5.03), (0.0, 1.25, 18.4)]
 )
-def test_a_field_that_is_not_the_places_widens_the_headings_sigma(reading, heading_deg):
-    samples = (reading(DT * k, s) for k, s in enumerate(fly(tumbling, 90.0, DT)))
+def test_a_field_that_is_not_the_places_widens_the_headings_sigma(bend_deg, scale, heading_deg):
+    """It turns to and fro, or an axis has another scale: so it varies with the attitude."""
+
+    def read(t, s):
+        angle = radians(bend_deg) * sin(2.0 * np.pi * 0.03 * t)
+        x, y, z = in_field(s, rotate(exp((0.0, 0.0, angle)), FIELD_NED)).mag
+        return s._replace(mag=(x, scale * y, z))
+
+    samples = (read(DT * k, s) for k, s in enumerate(fly(tumbling, 90.0, DT)))
     assert sigmas_deg(samples)[1] == pytest.approx(heading_deg, rel=0.2)

@@ -108,16 +108,9 @@ def test_time_turned_round_changes_signs_and_order_and_takes_ages_off():
 ONE_RAD, OTHER_RAD = 0.03, 0.04  # together 0.05
 
 
-def estimates(heading_rad, sigma_rad, *, is_aided):
+def estimates(heading_rad, sigma_rad, is_aided):
     turns = np.array([[0.0, 0.0, heading_rad]])
     return Estimates(exp(turns), np.full((1, 2), sigma_rad), np.array([is_aided]))
-
-
-def joint(between_rad, *, is_aided):
-    """Heading, and sigmas of inclination and heading."""
-    one = estimates(0.0, ONE_RAD, is_aided=is_aided)
-    both = joined(one, estimates(between_rad, OTHER_RAD, is_aided=is_aided))
-    return log(both.q_ned_frd)[0, 2], both.sigma_rad[0]
 
 
 @pytest.mark.parametrize(
@@ -132,8 +125,10 @@ def joint(between_rad, *, is_aided):
 def test_sigma_knows_whether_errors_are_common_and_grows_by_what_is_between(
     is_aided, between_rad, heading_rad
 ):
-    mean_rad, (inclination, heading) = joint(between_rad, is_aided=is_aided)
-    assert mean_rad == pytest.approx(between_rad * 0.36)  # by both variances
+    one, other = estimates(0.0, ONE_RAD, is_aided), estimates(between_rad, OTHER_RAD, is_aided)
+    both = joined(one, other)
+    inclination, heading = both.sigma_rad[0]
+    assert log(both.q_ned_frd)[0, 2] == pytest.approx(between_rad * 0.36)  # by both variances
     assert heading == pytest.approx(heading_rad)
     assert inclination == pytest.approx(0.024 if is_aided else 0.0336)
 
