@@ -139,8 +139,7 @@ def test_rows_are_turned_and_calibrated_as_samples_are(section, calibration):
     rows = chosen.to_body_rows(gyr, acc, mag)
     for k in range(5):
         sample = ImuSample(k, *(tuple(column[k].tolist()) for column in (gyr, acc, mag)), True)
-        one = chosen.to_body_axes(sample)
-        for column, vector in zip(rows, one[1:4], strict=True):
+        for column, vector in zip(rows, chosen.to_body_axes(sample)[1:4], strict=True):
             assert column[k] == pytest.approx(vector)
     assert not rows[2][3].any()
 

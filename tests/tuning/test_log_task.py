@@ -100,8 +100,7 @@ def test_of_one_flight_the_later_part_is_held_out_of_several_every_third_or_thos
 
 def test_without_a_reference_the_flight_must_foretell_its_own_vectors(recorded):
     """With the gyroscope's axes turned round the estimate cannot."""
-    n = len(recorded.truth)
-    blind = recorded._replace(reference="none", known=np.zeros(n, dtype=bool))
+    blind = recorded._replace(reference="none", known=np.zeros(len(recorded.truth), dtype=bool))
     reverse = blind.rows._replace(gyr_rad_s=-blind.rows.gyr_rad_s)
     good = measure(imu(), blind)
     bad = measure(imu(), blind._replace(rows=reverse))
@@ -250,8 +249,7 @@ def test_truths_lie_around_a_reference_as_its_sigmas_say():
     rng = np.random.default_rng(5)
     q = rng.normal(size=(200, 4))
     q /= np.linalg.norm(q, axis=1)[:, None]
-    sigma_rad = np.tile([0.02, 0.05], (200, 1))
-    truths = list(possible_truths(q, sigma_rad))
+    truths = list(possible_truths(q, np.tile([0.02, 0.05], (200, 1))))
     errors = np.concatenate([batch_angle_errors(q, truth) for truth in truths])
     # means of eighths of a distribution; its tails are cut a little
     assert np.mean(errors[:, 1] <= 0.05) == pytest.approx(0.68, abs=0.07)
@@ -267,8 +265,7 @@ def test_the_whole_flight_knows_better_and_how_well(recorded):
     known = smooth.known & smooth.headed
     assert known.mean() > 0.8
     errors = batch_angle_errors(smooth.truth, recorded.truth)[known]
-    by_truth = measure(imu(), recorded)
-    assert np.degrees(rms(errors[:, 2])) < 0.8 * by_truth.inclination.rms_deg
+    assert np.degrees(rms(errors[:, 2])) < 0.8 * measure(imu(), recorded).inclination.rms_deg
     by_smooth = measure(imu(), smooth)
     # without its sigma the reference, made of the same samples, is far too near
     sure = measure(imu(), smooth._replace(truth_sigma_rad=None))

@@ -167,8 +167,7 @@ def test_a_candidate_wins_beyond_chance_and_by_enough(blocks, saved, won):
     """Student's t is saved / (0.4 / sqrt(blocks)): 2.5, 1.5, 1.75, -2.5, 15 and 10; 2 is needed."""
     offs = saved + 0.4 * np.sqrt((blocks - 1) / blocks) * np.tile([-1.0, 1.0], blocks // 2)
     costs = np.array([np.ones(blocks), 1.0 - offs])
-    tried = retuner.Trial(np.ones(2), retuner.CHANGED, (costs,))
-    assert tried.has_won == won
+    assert retuner.Trial(np.ones(2), retuner.CHANGED, (costs,)).has_won == won
 
 
 def test_a_move_is_bounded_and_so_is_what_moves_lead_to():
@@ -200,8 +199,7 @@ def test_noise_is_what_was_put_in_also_while_it_turns():
     """The paper's: 0.2 rad/s, 0.05 of each component of a unit vector."""
     given = readings()
     # across the vector; along it a unit vector has no noise
-    expected = [3 * 0.2**2, 2 * 0.05**2, 2 * 0.05**2]
-    assert noise_of(given) == pytest.approx(expected, rel=0.2)
+    assert noise_of(given) == pytest.approx([3 * 0.2**2, 2 * 0.05**2, 2 * 0.05**2], rel=0.2)
     assert (noise_of(readings(noise=0.0))[1:] < 1e-5).all()
     assert noise_of(readings(step_us=250_000)) is None
     known = abs(np.arange(1000) - 550) <= 250

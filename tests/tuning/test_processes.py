@@ -143,7 +143,6 @@ def test_what_is_missing_is_reported_in_one_line(
     address, reported = "tcp://127.0.0.1:9", "no scheduler answers"
     if has_scheduler:
         address, reported = request.getfixturevalue("scheduler"), "no workers"
-    file = tmp_path / "x.toml"
-    assert main(["tune", *SEARCH, "-o", str(file), "--cluster", address]) == 2
+    assert main(["tune", *SEARCH, "-o", str(tmp_path / "x.toml"), "--cluster", address]) == 2
     (line,) = [x for x in capsys.readouterr().err.splitlines() if x.startswith("fuzzbee")]
     assert reported in line

@@ -179,8 +179,7 @@ def test_a_case_much_weaker_than_another_is_dropped():
     signs = judged(STRONG, Suspect(0.3, 0.0, 43.0, 43.0), NONE)
     assert signs.squares == pytest.approx((0.09 * 0.02 / 1.02, 0.0, 0.0))
     assert signs.errors == pytest.approx((0.3, 0.3 * np.exp(-8.5), 0.0), abs=1e-9)
-    alike = STRONG._replace(ratio=45.0)
-    assert judged(STRONG, alike, NONE).squares[1] > 0.0
+    assert judged(STRONG, STRONG._replace(ratio=45.0), NONE).squares[1] > 0.0
     by_magnet, beneath = STRONG._replace(by_force=-1.1), STRONG._replace(ratio=0.99 * FAR)
     for no_case in (by_magnet, beneath):
         assert judged(no_case, NONE, NONE).squares == (0.0, 0.0, 0.0)

@@ -48,8 +48,7 @@ def hanging_together(rng, sigmas):
 
 def updated(x, p, h, innovation, noises):
     """The dense filter: all rows of ``h`` at once, with the innovations of the same ``x``."""
-    s = h @ p @ h.T + np.diag(noises)
-    gain = np.linalg.solve(s, h @ p).T
+    gain = np.linalg.solve(h @ p @ h.T + np.diag(noises), h @ p).T
     return x + gain @ innovation, p - gain @ h @ p
 
 

@@ -228,8 +228,7 @@ def test_only_a_reading_that_stands_still_at_its_largest_is_at_the_end():
 
 @pytest.mark.parametrize("step", [f for f in ConditioningParams._fields if f.startswith("use_")])
 def test_every_step_can_be_switched_off(step):
-    params = PARAMS._replace(**{step: False})
-    _, seen = run(fly(tumbling, 20.0, 0.02), 0.02, params)
+    _, seen = run(fly(tumbling, 20.0, 0.02), 0.02, PARAMS._replace(**{step: False}))
     s, out, _ = seen[-1]
     gravity, north = vector_errors_rad(out, s.q_ned_frd)
     assert gravity < radians(0.53)  # measured 0.44

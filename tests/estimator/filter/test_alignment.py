@@ -62,11 +62,9 @@ def test_exact_vectors_give_the_attitude(q):
 def test_noisy_vectors_agree_with_scipy():
     rng = np.random.default_rng(51)
     for _ in range(300):
-        q = random_quaternion(rng)
-        exact = seen_from(q)
+        exact = seen_from(random_quaternion(rng))
         s1, s2 = rng.uniform(0.1, 5.0, 2).tolist()
-        v1 = qn.unit(tuple(np.array(exact.v1_frd) + rng.normal(0.0, 0.1, 3)))
-        v2 = qn.unit(tuple(np.array(exact.v2_frd) + rng.normal(0.0, 0.1, 3)))
+        v1, v2 = (qn.unit(tuple(v + rng.normal(0.0, 0.1, 3))) for v in (exact.v1_frd, exact.v2_frd))
         ours = align(exact._replace(v1_frd=v1, v2_frd=v2, s1=s1, s2=s2))
         theirs, _ = Rotation.align_vectors([MAGNETIC, GRAVITY], [v1, v2], weights=[s1, s2])
         # scipy solves for a matrix too; near-equal singular values cost some digits

@@ -46,15 +46,10 @@ def random_noise(rng):
     """What may be remembered of earlier samples, or nothing."""
     if rng.random() < 0.2:
         return NO_NOISE
-    return NoiseState(
-        random_unit_vector(rng),
-        bool(rng.random() < 0.8),
-        random_unit_vector(rng),
-        bool(rng.random() < 0.8),
-        tuple(rng.uniform(-1.0, 1.0, 3).tolist()),
-        float(rng.integers(1, 50)),
-        *(10.0 ** rng.uniform(-6.0, -1.0, 3)).tolist(),
-    )
+    first, second = ((random_unit_vector(rng), bool(rng.random() < 0.8)) for _ in range(2))
+    turn, samples = tuple(rng.uniform(-1.0, 1.0, 3).tolist()), float(rng.integers(1, 50))
+    variances = (10.0 ** rng.uniform(-6.0, -1.0, 3)).tolist()
+    return NoiseState(*first, *second, turn, samples, *variances)
 
 
 def numbers(state):

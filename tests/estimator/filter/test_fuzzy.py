@@ -48,8 +48,7 @@ def exact_centroid(heights, sets):
             if max(x0, u0) <= x <= min(x1, u1):
                 bends.add(x)
     area = moment = Fraction(0)
-    ordered = sorted(bends)
-    for left, right in pairwise(ordered):
+    for left, right in pairwise(sorted(bends)):
         here = [line for line in lines if line[0] <= left and right <= line[1]]
         if not here:
             continue
@@ -134,8 +133,7 @@ def test_agrees_with_exact_arithmetic():
 def test_agrees_where_the_only_rule_fires_faintly(faint):
     """k1 = k2 = 0: an input of 1e-15 fires S with 1e-14; the area is small, the centroid is not."""
     k = replaced(midpoint(), k1=0.0, k2=0.0, k3=0.1)
-    fired = fuzzy.fire(fuzzy.fuzzify(k, faint), fuzzy.fuzzify(k, faint))
-    assert 0.0 < max(fired) <= 1e-7
+    assert 0.0 < max(fuzzy.fire(fuzzy.fuzzify(k, faint), fuzzy.fuzzify(k, faint))) <= 1e-7
     assert_same_gain(k, faint, faint)
     assert fuzzy.fuzzy_gain(k, faint, faint) > 10.0
 

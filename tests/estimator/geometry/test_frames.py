@@ -118,8 +118,7 @@ def test_errors_are_broads(estimate, reference):
 
 @given(any_rotation(), floats(-pi, pi), floats(-3.0, 3.0), floats(-pi, pi))
 def test_a_heading_error_is_none_of_inclination(reference, heading, tilt, direction):
-    turned = multiply(exp((0.0, 0.0, heading)), reference)
-    errors = angle_errors(turned, reference)
+    errors = angle_errors(multiply(exp((0.0, 0.0, heading)), reference), reference)
     assert errors.heading_rad == pytest.approx(abs(heading), abs=1e-13)
     assert errors.inclination_rad == pytest.approx(0.0, abs=1e-13)
     tilted = multiply(exp((tilt * np.cos(direction), tilt * np.sin(direction), 0.0)), reference)
@@ -149,12 +148,9 @@ def test_batch_is_one_by_one():
 
 def test_cost_counts_both_ends_and_nothing_between():
     """0.3 for k = 0..100 (t = 0..1 s), 1 for k = 400..1400 (t = 4..14 s), at 100 Hz."""
-    e = np.zeros(1501)
-    for k, weight in (
-        *((0, 0.3), (100, 0.3), (101, 0.0), (399, 0.0)),
-        *((400, 1.0), (1400, 1.0), (1401, 0.0), (1500, 0.0)),
-    ):
-        e[:] = 0.0
+    weights = {0: 0.3, 100: 0.3, 101: 0.0, 399: 0.0, 400: 1.0, 1400: 1.0, 1401: 0.0, 1500: 0.0}
+    for k, weight in weights.items():
+        e = np.zeros(1501)
         e[k] = 1.0
         assert paper_cost(e) == pytest.approx(weight, abs=1e-15)
     assert paper_cost(np.full(1501, 0.5)) == pytest.approx(0.5 * (0.3 * 101 + 1001))

@@ -103,8 +103,7 @@ def test_shortest_rotation_of_opposite_and_equal_vectors(u):
 def test_shortest_rotation_next_to_opposite_vectors(gap_rad):
     u = (0.0, 0.0, 1.0)
     v = (np.sin(gap_rad), 0.0, -np.cos(gap_rad))
-    q = qn.shortest_rotation(u, v)
-    np.testing.assert_allclose(qn.rotate(q, u), v, atol=2e-6)
+    np.testing.assert_allclose(qn.rotate(qn.shortest_rotation(u, v), u), v, atol=2e-6)
 
 
 def test_zero_is_refused_nowhere_and_stays_harmless():

@@ -57,8 +57,7 @@ def test_rates_at_the_samples_own_times_change_nothing():
 
 @pytest.mark.parametrize("late_s", [2.4, -2.4, 0.17])
 def test_rates_of_another_time_are_noticed(late_s):
-    shown = flown(120.0, late_s=late_s)
-    assert not any(one.given for one in shown[20:])
+    assert not any(one.given for one in flown(120.0, late_s=late_s)[20:])
 
 
 def test_rates_too_far_apart_show_nothing():
@@ -69,8 +68,7 @@ def test_rates_too_far_apart_show_nothing():
 
 def roll_after(profile_rates):
     """The roll error of a vehicle rocked at 2 Hz of samples and 20 Hz of rates, and the word."""
-    profile = merge_profile(load_profile("imu"), {"rates": profile_rates})
-    estimator = Estimator(profile)
+    estimator = Estimator(merge_profile(load_profile("imu"), {"rates": profile_rates}))
     worst, q = 0.0, 0.0
     for k in range(1200):
         time_s = 0.05 * k
