@@ -17,7 +17,7 @@ from estimator.geometry.quaternion import conjugate, multiply, normalized_distan
 from estimator.live.settings import settings_of
 from service.pipeline import Pipeline
 from service.records import Replaced
-from tests.service.flight_rig import IMU, ONE, PAPER, START_US, Wire, fed, imu_events, texts
+from tests.service.flight_rig import IMU, ONE, PAPER, START_US, Wire, imu_events, statuses, texts
 from tuning.paper_experiment import run_experiment
 
 RATE_HZ = 50.0
@@ -81,7 +81,8 @@ def test_fuzzbee_s_own_vehicle_gets_the_profile_that_fits():
     told = texts(pipeline.handle(built_in("paper")))
     assert told == [f"vehicle 1: fuzzbee's own, motion paper, {noisy}"]
     assert pipeline.handle(built_in("paper")) == []
-    fed(imu_events(300), pipeline)
+    for event in imu_events(300):
+        pipeline.handle(event)
     assert pipeline.vehicle(ONE).profile == PAPER
     outputs = pipeline.tick(START_US + 3_000_000)
     assert [o for o in outputs if isinstance(o, Replaced)] == [Replaced(ONE, PAPER)]
@@ -103,6 +104,11 @@ def test_a_profile_that_was_asked_for_stays_and_is_reported_if_it_does_not_fit()
     (text,) = texts(pipeline.handle(built_in("paper")))
     assert text.endswith("profile paper would fit, this one does not")
     assert pipeline.vehicle(ONE).profile == IMU
+    (status,) = statuses(pipeline.tick(START_US))
+    assert status.warnings == ("profile_unfit",)
+    pipeline.replace_profile(ONE, {"filter": {"gamma": 0.5}})  # somebody knows better
+    (status,) = statuses(pipeline.tick(START_US + 2_000_000))
+    assert status.warnings == ()
     assert texts(pipeline.handle(built_in("flight"))) == []
 
 
