@@ -99,8 +99,7 @@ class Rig:
         return dict(self.vehicle.rejected)
 
     def status(self) -> StatusRecord:
-        now_us = self.now_us + self.host_shift_us
-        return status_record(self.vehicle, now_us, Load(), 0)
+        return status_record(self.vehicle, self.now_us + self.host_shift_us, Load(), 0)
 
     def fly(
         self,
@@ -140,8 +139,8 @@ class Rig:
         for event in events:
             self.take(self.pipeline.handle(event, self.now_us + self.host_shift_us))
 
-    def tick(self) -> None:
-        self.take(self.pipeline.tick(self.now_us + self.host_shift_us))
+    def tick(self, load: Load | None = None) -> None:
+        self.take(self.pipeline.tick(self.now_us + self.host_shift_us, load))
 
     def take(self, outputs: list[Any]) -> None:
         for output in outputs:
