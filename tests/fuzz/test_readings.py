@@ -32,27 +32,24 @@ class Row:
             for v, sigma in ((gyr, 0.01), ((0.0, 0.5, -9.8), 0.05), ((0.2, 0.0, 0.4), 0.003))
         )
 
-    def change(self, name, value):
-        setattr(self, name, value)
-
 
 def number(rows, rng, name):
     """One that stands for none, in one axis or in all; the row's other readings are sound."""
     for row in rows:
         bad = rng.choice(NUMBERS)
         axes = getattr(row, name)
-        row.change(name, (bad,) * 3 if rng.random() < 0.5 else (bad, *axes[1:]))
+        setattr(row, name, (bad,) * 3 if rng.random() < 0.5 else (bad, *axes[1:]))
 
 
 def held(rows, rng, name):
     for row in rows:
-        row.change(name, getattr(rows[0], name))
+        setattr(row, name, getattr(rows[0], name))
 
 
 def scaled(rows, rng, name):
     scale = 10.0 ** rng.uniform(-3.0, 6.0)
     for row in rows:
-        row.change(name, tuple(scale * x for x in getattr(row, name)))
+        setattr(row, name, tuple(scale * x for x in getattr(row, name)))
 
 
 def wrapped(rows, rng, name):
@@ -63,7 +60,7 @@ def wrapped(rows, rng, name):
         if not math.isfinite(counts):
             continue
         shown = unit * ((round(counts) + 32768) % 65536 - 32768)
-        row.change(name, (shown, *getattr(row, name)[1:]))
+        setattr(row, name, (shown, *getattr(row, name)[1:]))
 
 
 def swapped(rows, rng, name):
