@@ -10,7 +10,7 @@ from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
-from estimator.geometry.quaternion import conjugate, multiply, rotate_inverse
+from estimator.geometry.metrics import angle_errors
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from service.pipeline import Pipeline
@@ -151,19 +151,9 @@ class Rig:
             elif isinstance(output.record, AttitudeRecord):
                 assert math.isclose(math.hypot(*output.record.q_ned_frd), 1.0, abs_tol=1e-9)
                 self.records.append(output.record)
-                self.errors_deg.append(_angle_deg(output.record.q_ned_frd, self.truth))
-                self.tilt_errors_deg.append(_tilt_deg(output.record.q_ned_frd, self.truth))
-
-
-def _angle_deg(q, truth):
-    w = abs(multiply(conjugate(truth), q)[0])
-    return math.degrees(2 * math.acos(min(1.0, w)))
-
-
-def _tilt_deg(q, truth):
-    seen, true = (rotate_inverse(each, (0.0, 0.0, 1.0)) for each in (q, truth))
-    cosine = sum(x * y for x, y in zip(seen, true, strict=True))
-    return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+                errors = angle_errors(output.record.q_ned_frd, self.truth)
+                self.errors_deg.append(math.degrees(errors.total_rad))
+                self.tilt_errors_deg.append(math.degrees(errors.inclination_rad))
 
 
 def frozen(*fields):

@@ -122,27 +122,6 @@ def test_a_clock_that_jumps_all_the_time_does_not_fill_the_screen(rig):
     assert states(rig)[-1] == "running"
 
 
-def test_a_clock_that_crawls_is_refused_until_it_keeps_time_again(rig):
-    """The estimate would stand still with it, and be as sure of itself as before."""
-    begin_us = rig.now_us - START_US
-
-    def crawl(sample):
-        rig.boot_shift_us = -round(0.999 * max(0, sample.time_us - begin_us))
-        return sample
-
-    rig.fly(12.0, change=crawl)
-    output = [(record.state, record.age_ms) for record in rig.records]
-    assert {state for state, _ in output[150:]} == {"degraded"}  # from 3 s on
-    assert rig.vehicle.state is State.LOST
-    assert rig.rejected["clock_pace"] == pytest.approx(500, abs=20)
-    assert "clock_pace" in rig.status().rejected
-    rig.fly(3.0)
-    assert any("clock jump by -1" in text for text in rig.messages)
-    assert states(rig)[-1] == "running"
-    rig.fly(4.0)
-    assert max(rig.errors_deg) < 2.0
-
-
 @pytest.mark.parametrize(
     ("deliver", "refused"),
     [
@@ -232,17 +211,9 @@ def test_several_faults_at_once_end_with_them(seed):
     assert max(rig.errors_deg) == pytest.approx(0.93, rel=0.2)  # 0.90 to 0.96
 
 
-def test_on_one_wire_the_second_vehicles_clock_keeps_it_out(two):
-    rig, _, other_frame = two
-    rig.fly(10.0, deliver=lambda frame: [frame, other_frame()])
-    assert rig.rejected["address_conflict"] > 400
-    assert rig.rejected["clock_step"] == 1
-    assert max(rig.errors_deg[400:]) == pytest.approx(1.36, rel=0.2)
-
-
 @pytest.mark.parametrize("in_a_row", [2, 5])
 @pytest.mark.parametrize("shift_s", [77, -3, 1.5])
-def test_nor_does_it_take_turns_with_the_first_where_several_come_in_a_row(in_a_row, shift_s, two):
+def test_on_one_wire_two_vehicles_take_no_turns_where_several_come_in_a_row(in_a_row, shift_s, two):
     """A wire hands over what it has: some samples of one, then some of the other."""
     (rig, other, other_frame), waiting = two, []
     rig.boot_shift_us, other.boot_shift_us = 10 * S, round((10 + shift_s) * S)
