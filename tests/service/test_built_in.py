@@ -1,6 +1,6 @@
 """The built-in vehicle through the service: right, known to be, and the paper's experiment."""
 
-import math
+from math import degrees
 
 import numpy as np
 import pytest
@@ -12,8 +12,8 @@ from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import SimSource
 from estimator.estimator import Estimator
 from estimator.filter import kernel
-from estimator.geometry.metrics import COST_SAMPLES, paper_cost, rms
-from estimator.geometry.quaternion import conjugate, multiply, normalized_distance
+from estimator.geometry.metrics import COST_SAMPLES, angle_errors, paper_cost, rms
+from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import settings_of
 from service.pipeline import Pipeline
 from service.records import Replaced
@@ -24,7 +24,7 @@ RATE_HZ = 50.0
 
 
 def flown(motion, seconds, seed, **options):
-    """Times, total errors, inclination and heading errors and both sigmas (s, deg) at samples."""
+    """Times, total, heading and inclination errors, both sigmas likewise (s, deg) at samples."""
     vehicle = SimulatedAutopilot(VehicleOptions(seed, RATE_HZ, motion, **options), 1)
     pipeline = Pipeline(IMU, fits_built_in=True)
     wire, rows = Wire(), []
@@ -36,16 +36,10 @@ def flown(motion, seconds, seed, **options):
                 time_us = event.sample.time_us
             elif isinstance(event, ReferenceAttitude) and event.source == "sim":
                 attitude = pipeline.vehicle(ONE).estimator.attitude(time_us)
-                rows.append((boot_us * 1e-6, *errors(attitude, event.q_ned_frd)))
+                errors = angle_errors(attitude.q_ned_frd, event.q_ned_frd)
+                angles = (*errors, attitude.sigma_heading_rad, attitude.sigma_inclination_rad)
+                rows.append((boot_us * 1e-6, *map(degrees, angles)))
     return np.array(rows)
-
-
-def errors(attitude, truth):
-    w, _, _, z = multiply(attitude.q_ned_frd, conjugate(truth))
-    inclination = 2 * math.acos(min(1.0, math.hypot(w, z)))
-    sigmas = (attitude.sigma_inclination_rad, attitude.sigma_heading_rad)
-    angles = (2 * math.acos(min(1.0, abs(w))), inclination, 2 * math.atan2(abs(z), abs(w)), *sigmas)
-    return tuple(map(math.degrees, angles))
 
 
 @pytest.mark.parametrize(
@@ -65,7 +59,7 @@ def test_the_flight_is_right_from_start_to_landing():
     after_start = rows[rows[:, 0] >= 2.0]
     assert rms(after_start[:, 1]) == pytest.approx(0.483, rel=0.2)
     assert after_start[:, 1].max() < 5.7  # 4.8, in the climb
-    assert rows[rows[:, 0] < 0.5][:, 2].max() > 8.0  # the wrong start is one
+    assert rows[rows[:, 0] < 0.5][:, 3].max() > 8.0  # the wrong start is one
     for error, sigma in ((2, 4), (3, 5)):
         assert np.mean(after_start[:, error] <= after_start[:, sigma]) > 0.8
 
