@@ -46,16 +46,8 @@ def record(
         sigma_inclination_rad=radians(sigma_deg[0]),
         sigma_heading_rad=radians(sigma_deg[1]),
     )
-    made = attitude_record(
-        attitude,
-        time_unix_us=UNIX_US,
-        time_boot_us=time_boot_us,
-        state=state,
-        age_us=5_000,
-        sequence=sequence,
-    )
-    assert made is not None
-    return made
+    times = {"time_unix_us": UNIX_US, "time_boot_us": time_boot_us, "age_us": 5_000}
+    return attitude_record(attitude, **times, state=state, sequence=sequence)
 
 
 class Collector:

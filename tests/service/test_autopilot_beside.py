@@ -11,8 +11,6 @@ from estimator.geometry.quaternion import exp, multiply
 from service.pipeline import Pipeline
 from tests.service.flight_rig import ONE, PAPER, imu_events, statuses, texts
 
-SAMPLES = 3000
-
 
 def in_roll(turn_deg):
     """An attitude that is shown turned about the vehicle's own axis."""
@@ -20,24 +18,16 @@ def in_roll(turn_deg):
 
 
 def flown(
-    turn_deg=0.0,
-    *,
-    clock_off_us=0,
-    late_us=0,
-    parameters=(),
-    message="ATTITUDE",
-    word=None,
-    word_off_us=0,
-    shown=None,
-    vehicle_type=1,
-):
+    turn_deg=0.0, *, shown=None, message="ATTITUDE", clock_off_us=0, late_us=0, parameters=(),
+    vehicle_type=1, word=None, word_off_us=0,
+):  # fmt: skip
     """The lines and the last status of a vehicle whose autopilot shows another attitude."""
-    show, profile, lines = shown or in_roll(turn_deg), PAPER, []
-    pipeline, twin = Pipeline(profile), Estimator(profile)
+    show, lines = shown or in_roll(turn_deg), []
+    pipeline, twin = Pipeline(PAPER), Estimator(PAPER)
     pipeline.handle(Heartbeat(ONE, 0, 3, vehicle_type))
     for name, value in parameters:
         pipeline.handle(Parameter(ONE, 0, name, value))
-    for k, event in enumerate(imu_events(SAMPLES)):
+    for k, event in enumerate(imu_events(3000)):
         outputs, now_us = pipeline.handle(event), event.arrival_us
         twin.update(event.sample)
         for name, value in parameters if k == 0 else ():

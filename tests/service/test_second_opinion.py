@@ -8,13 +8,7 @@ from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
 from estimator.types import Attitude, ImuSample
 from service.evidence import Consistency
-from service.second_opinion import (
-    LOOK_EVERY_US,
-    Look,
-    SecondOpinion,
-    Verdict,
-    in_words,
-)
+from service.second_opinion import LOOK_EVERY_US, Look, SecondOpinion, Verdict, in_words
 
 PLACE = PlaceField(radians(10.0), radians(60.0), 0.5)
 FIELD = (0.25 * cos(radians(10.0)), 0.25 * sin(radians(10.0)), 0.5 * sin(radians(60.0)))
