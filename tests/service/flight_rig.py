@@ -25,16 +25,14 @@ S = 1_000_000
 SETTLE_S = 8.0  # of flight before a fault
 
 
-def imu_events(
-    count, *, vehicle=ONE, message="RAW_IMU", seed=0, start_us=START_US, source=None
-) -> list[Event]:
+def imu_events(count, *, vehicle=ONE, seed=0, start_us=START_US, source=None) -> list[Event]:
     """``count`` samples, of the paper's motion at 100 Hz if no source is given, 2 ms under way."""
     source = source or SimulatedVehicle(seed=seed)
     events: list[Event] = []
     for _ in range(count):
         sample = ImuSample(*next(source)[:4], has_mag=True)
         arrival_us = start_us + sample.time_us + UNDER_WAY_US
-        events.append(Imu(vehicle, arrival_us, sample.time_us, message, sample))
+        events.append(Imu(vehicle, arrival_us, sample.time_us, "RAW_IMU", sample))
     return events
 
 
@@ -74,12 +72,12 @@ class Wire:
 class Rig:
     """One vehicle at ``rate_hz`` and a service that ticks with every sample."""
 
-    def __init__(self, profile="paper", rate_hz=50.0, *, noise=0.1, seed=3, policy=Policy()):  # noqa: B008
-        self.samples = SimulatedVehicle(seed=seed, rate_hz=rate_hz, noise=noise, bias=0.1)
+    def __init__(self, profile="paper", rate_hz=50.0, *, seed=3):
+        self.samples = SimulatedVehicle(seed=seed, rate_hz=rate_hz, noise=0.1, bias=0.1)
         self.pipeline = Pipeline(load_profile(profile), rate_hz=rate_hz)
         self.encoder = FrameEncoder(ONE)
         self.decoder = MavlinkDecoder(references=False)
-        self.gate = FrameGate(policy)
+        self.gate = FrameGate(Policy())
         self.readers: dict[str, FrameReader] = {}
         self.messages: list[str] = []
         self.records: list[AttitudeRecord] = []
@@ -157,24 +155,21 @@ class Rig:
 
 
 def frozen(*fields):
-    """A change that keeps these readings of the first sample; all of them if none are named."""
+    """A change that keeps these readings of the first sample."""
     first = []
 
     def change(sample):
         first.append(sample)
-        kept = first[0]
-        if not fields:
-            return kept._replace(time_us=sample.time_us)
-        return sample._replace(**{field: getattr(kept, field) for field in fields})
+        return sample._replace(**{field: getattr(first[0], field) for field in fields})
 
     return change
 
 
-def spiked(field, sizes, rng, share=0.01, axis=None):
-    """A change that adds one of the sizes to a share of the readings, on one axis or any."""
+def spiked(field, sizes, rng, axis=None):
+    """A change that adds one of the sizes to a hundredth of the readings, on one axis or any."""
 
     def change(sample):
-        if rng.random() > share:
+        if rng.random() > 0.01:
             return sample
         values = list(getattr(sample, field))
         values[rng.randrange(3) if axis is None else axis] += rng.choice(sizes)

@@ -10,7 +10,7 @@ from tests.service.flight_rig import SETTLE_S, Rig, apart_deg, frozen, spiked, s
 
 
 def test_a_stuck_imu_is_refused_and_the_attitude_degraded_then_lost(rig):
-    rig.fly(10.0, frozen())
+    rig.fly(10.0, frozen("gyr_rad_s", "acc_m_s2", "mag_gauss"))
     assert rig.rejected["stuck"] > 400
     assert states(rig) == ["running", "degraded"]
     assert rig.vehicle.state is State.LOST
