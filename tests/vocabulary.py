@@ -49,14 +49,12 @@ def any_rotation() -> st.SearchStrategy[Quaternion]:
 def random_quaternion(rng: np.random.Generator) -> Quaternion:
     """Uniform on SO(3)."""
     q = rng.standard_normal(4)
-    w, x, y, z = (q / np.linalg.norm(q)).tolist()
-    return (w, x, y, z)
+    return tuple((q / np.linalg.norm(q)).tolist())
 
 
 def random_unit_vector(rng: np.random.Generator) -> Vec3:
     v = rng.standard_normal(3)
-    x, y, z = (v / np.linalg.norm(v)).tolist()
-    return (x, y, z)
+    return tuple((v / np.linalg.norm(v)).tolist())
 
 
 def random_memberships(

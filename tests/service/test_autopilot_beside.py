@@ -12,9 +12,9 @@ from service.pipeline import Pipeline
 from tests.service.flight_rig import ONE, PAPER, imu_events, statuses, texts
 
 
-def in_roll(turn_deg):
-    """An attitude that is shown turned about the vehicle's own axis."""
-    return lambda q: multiply(q, exp((radians(turn_deg), 0.0, 0.0)))
+def turned(roll_deg=0.0, pitch_deg=0.0):
+    """An attitude that is shown turned about the vehicle's own axes."""
+    return lambda q: multiply(q, exp((radians(roll_deg), radians(pitch_deg), 0.0)))
 
 
 def flown(
@@ -22,7 +22,7 @@ def flown(
     vehicle_type=1, word=None, word_off_us=0,
 ):  # fmt: skip
     """The lines and the last status of a vehicle whose autopilot shows another attitude."""
-    show, lines = shown or in_roll(turn_deg), []
+    show, lines = shown or turned(turn_deg), []
     pipeline, twin = Pipeline(PAPER), Estimator(PAPER)
     pipeline.handle(Heartbeat(ONE, 0, 3, vehicle_type))
     for name, value in parameters:
@@ -87,11 +87,7 @@ def pitched_down(q):
     return from_euler_rad(roll, pitch - radians(60.0), yaw)
 
 
-def as_a_copter(q):
-    """As a tailsitter shows itself while it hovers."""
-    return multiply(q, exp((0.0, radians(-90.0), 0.0)))
-
-
+as_a_copter = turned(pitch_deg=-90.0)  # as a tailsitter shows itself while it hovers
 PITCH, OLD_PITCH, TAILSITTER = ("PTCH_TRIM_DEG", 60.0), ("TRIM_PITCH_CD", 6e3), "Q_TAILSIT_ENABLE"
 QUADPLANE, SHOWS_ALL = ("Q_ENABLE", 1.0), ("FLIGHT_OPTIONS", 256.0)
 
@@ -103,17 +99,17 @@ QUADPLANE, SHOWS_ALL = ("Q_ENABLE", 1.0), ("FLIGHT_OPTIONS", 256.0)
         (pitched_down, [PITCH], 1, "agrees"),
         (pitched_down, [OLD_PITCH], 1, "agrees"),
         (pitched_down, [PITCH, SHOWS_ALL], 1, "differs"),
-        (in_roll(0.0), [PITCH, SHOWS_ALL], 1, "agrees"),
-        (in_roll(0.0), [PITCH], 1, "differs"),
-        (in_roll(0.0), [PITCH, QUADPLANE], 1, "agrees"),  # while it hovers
+        (turned(), [PITCH, SHOWS_ALL], 1, "agrees"),
+        (turned(), [PITCH], 1, "differs"),
+        (turned(), [PITCH, QUADPLANE], 1, "agrees"),  # while it hovers
         (as_a_copter, [], 1, "differs"),
         (as_a_copter, [(TAILSITTER, 1.0)], 1, "agrees"),
-        (in_roll(0.0), [(TAILSITTER, 1.0)], 1, "agrees"),
+        (turned(), [(TAILSITTER, 1.0)], 1, "agrees"),
         (as_a_copter, [], 20, "agrees"),
         (as_a_copter, [(TAILSITTER, 0.0)], 22, "differs"),
         (as_a_copter, [], 22, None),  # not reported
-        (in_roll(0.0), [], 22, "agrees"),
-        (in_roll(60.0), [], 22, "differs"),
+        (turned(), [], 22, "agrees"),
+        (turned(60.0), [], 22, "differs"),
     ],
 )
 def test_what_an_autopilot_shows_its_pilot_is_known_by_parameters_and_type(

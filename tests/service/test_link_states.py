@@ -15,7 +15,6 @@ from estimator.types import ZERO_VEC3
 from service.vehicle_status import Load
 from tests.service.flight_rig import START_US, Rig, S
 
-RATE_HZ = 50.0
 LONGEST_FRAME = 280  # bytes
 OTHER = VehicleId(7, 1)
 
@@ -25,7 +24,7 @@ class Link(RuleBasedStateMachine):
 
     def __init__(self):
         super().__init__()
-        self.rig = Rig("imu", RATE_HZ)
+        self.rig = Rig("imu")
         self.other = FrameEncoder(OTHER)
         self.sent = 0  # whole frames of the vehicle, of the present decoder and pipeline
         self.again = 0  # of them those that came before

@@ -17,6 +17,7 @@ from service.sinks.mavlink import MavlinkSink
 from tests.service.records import UNIX_US, differing, record
 
 VEHICLE = VehicleId(7, 1)
+KINDS = ["HEARTBEAT", "ATTITUDE_QUATERNION", "ATTITUDE_QUATERNION_COV"]
 
 
 @pytest.fixture
@@ -57,12 +58,11 @@ def test_the_attitude_comes_from_the_onboard_computer_never_from_the_autopilot(r
     sink = opened()
     sink.handle(attitudes(1, 0))
     got = messages(receiver)
-    kinds = ["HEARTBEAT", "ATTITUDE_QUATERNION", "ATTITUDE_QUATERNION_COV"]
-    assert [m.get_type() for m in got] == kinds
+    assert [m.get_type() for m in got] == KINDS
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in got} == {(7, 191)}
     heartbeat, attitude, uncertain = got
-    assert heartbeat.type == ardupilotmega.MAV_TYPE_ONBOARD_CONTROLLER
-    assert heartbeat.autopilot == ardupilotmega.MAV_AUTOPILOT_INVALID
+    onboard = ardupilotmega.MAV_TYPE_ONBOARD_CONTROLLER, ardupilotmega.MAV_AUTOPILOT_INVALID
+    assert (heartbeat.type, heartbeat.autopilot) == onboard
     sent = record(10, 20, 30)
     q = [getattr(attitude, f"q{n}") for n in range(1, 5)]
     assert q == pytest.approx(sent.q_ned_frd, abs=1e-7)
@@ -172,14 +172,12 @@ def test_another_component_sends_for_the_system_once_the_first_is_forgotten(rece
     sink, other = opened(), VehicleId(7, 2)
     sink.handle(attitudes(1, 0) + attitudes(3, 20_000, other))
     sink.handle(attitudes(1, 0, vehicle=VehicleId(8, 191)))
-    kinds = ["HEARTBEAT", "ATTITUDE_QUATERNION", "ATTITUDE_QUATERNION_COV"]
-    assert [(m.get_type(), m.get_srcSystem()) for m in messages(receiver)] == [
-        (k, 7) for k in kinds
-    ]
+    found = [(m.get_type(), m.get_srcSystem()) for m in messages(receiver)]
+    assert found == [(kind, 7) for kind in KINDS]
     sink.handle([Evicted(other), *attitudes(1, 0, other)])
     assert messages(receiver) == []
     sink.handle([Evicted(VEHICLE), *attitudes(1, 0, other)])
-    assert [m.get_type() for m in messages(receiver)] == kinds
+    assert [m.get_type() for m in messages(receiver)] == KINDS
 
 
 def statuses(status, seconds):
