@@ -107,9 +107,8 @@ class Rig:
     ) -> "Rig":
         """Fly on; returns self. ``records`` and ``errors_deg`` are those of this stretch."""
         self.records, self.errors_deg, self.tilt_errors_deg, self.messages = [], [], [], []
-        first = next(self.samples)
-        end_us = first.time_us + seconds * S
-        sample = first
+        sample = next(self.samples)
+        end_us = sample.time_us + seconds * S
         while True:
             self.now_us = START_US + sample.time_us + UNDER_WAY_US
             self.truth = sample.q_ned_frd

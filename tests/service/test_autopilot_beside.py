@@ -18,12 +18,11 @@ def turned(roll_deg=0.0, pitch_deg=0.0):
 
 
 def flown(
-    turn_deg=0.0, *, shown=None, message="ATTITUDE", clock_off_us=0, late_us=0, parameters=(),
-    vehicle_type=1, word=None, word_off_us=0,
+    show, *, message="ATTITUDE", clock_off_us=0, late_us=0, parameters=(), vehicle_type=1,
+    word=None, word_off_us=0,
 ):  # fmt: skip
     """The lines and the last status of a vehicle whose autopilot shows another attitude."""
-    show, lines = shown or turned(turn_deg), []
-    pipeline, twin = Pipeline(PAPER), Estimator(PAPER)
+    pipeline, twin, lines = Pipeline(PAPER), Estimator(PAPER), []
     pipeline.handle(Heartbeat(ONE, 0, 3, vehicle_type))
     for name, value in parameters:
         pipeline.handle(Parameter(ONE, 0, name, value))
@@ -44,7 +43,7 @@ def flown(
 
 
 def test_a_wrong_attitude_is_reported_once_and_warned_of():
-    (line,), status = flown(60.0)
+    (line,), status = flown(turned(60.0))
     found = status.autopilot
     assert "the autopilot's horizon has been" in line
     assert "autopilot_differs" in status.warnings
@@ -52,18 +51,6 @@ def test_a_wrong_attitude_is_reported_once_and_warned_of():
     assert found.inclination_deg > 20.0
     assert found.roll_deg == pytest.approx(60.0, abs=6.0)
     assert found.in_short == f"autopilot horizon {found.off_deg:.0f}° off"
-
-
-@pytest.mark.parametrize(
-    ("turn_deg", "parameters"),
-    [(0.0, []), (-60.0, [("AHRS_TRIM_X", radians(60.0))])],  # its IMU is mounted with a trim
-)
-def test_the_same_attitude_is_no_news(turn_deg, parameters):
-    lines, status = flown(turn_deg, parameters=parameters)
-    assert lines == []
-    assert "autopilot_differs" not in status.warnings
-    assert status.autopilot.verdict != "differs"
-    assert status.autopilot.inclination_deg == pytest.approx(0.0, abs=1.0)
 
 
 @pytest.mark.parametrize(
@@ -76,7 +63,7 @@ def test_the_same_attitude_is_no_news(turn_deg, parameters):
     ],
 )
 def test_an_attitude_of_another_clock_is_not_compared(other, is_compared):
-    lines, status = flown(60.0, **other)
+    lines, status = flown(turned(60.0), **other)
     assert bool(lines) is is_compared
     assert (status.autopilot and status.autopilot.verdict) == ("differs" if is_compared else None)
 
@@ -95,6 +82,8 @@ QUADPLANE, SHOWS_ALL = ("Q_ENABLE", 1.0), ("FLIGHT_OPTIONS", 256.0)
 @pytest.mark.parametrize(
     ("shown", "parameters", "vehicle_type", "verdict"),
     [
+        (turned(), [], 1, "agrees"),
+        (turned(-60.0), [("AHRS_TRIM_X", radians(60.0))], 1, "agrees"),  # its IMU is so mounted
         (pitched_down, [], 1, "differs"),
         (pitched_down, [PITCH], 1, "agrees"),
         (pitched_down, [OLD_PITCH], 1, "agrees"),
@@ -115,10 +104,13 @@ QUADPLANE, SHOWS_ALL = ("Q_ENABLE", 1.0), ("FLIGHT_OPTIONS", 256.0)
 def test_what_an_autopilot_shows_its_pilot_is_known_by_parameters_and_type(
     shown, parameters, vehicle_type, verdict
 ):
-    lines, status = flown(shown=shown, parameters=parameters, vehicle_type=vehicle_type)
+    lines, status = flown(shown, parameters=parameters, vehicle_type=vehicle_type)
     found = None if status.autopilot is None else status.autopilot.verdict
     assert found in ((verdict, "cannot_tell") if verdict == "agrees" else (verdict,))
     assert bool(lines) is (verdict == "differs")
+    assert ("autopilot_differs" in status.warnings) is (verdict == "differs")
+    if verdict == "agrees":
+        assert status.autopilot.inclination_deg == pytest.approx(0.0, abs=1.0)
 
 
 @pytest.mark.parametrize(
@@ -132,6 +124,6 @@ def test_what_an_autopilot_shows_its_pilot_is_known_by_parameters_and_type(
     ],
 )
 def test_what_the_autopilot_s_filter_reports_against_itself_is_evidence(word, off_us, output):
-    _, status = flown(60.0, word=word, word_off_us=off_us)
+    _, status = flown(turned(60.0), word=word, word_off_us=off_us)
     assert ("its own filter" in status.autopilot.evidence) is (output is not None)
     assert (output or "") in status.autopilot.evidence
