@@ -16,15 +16,13 @@ from service.records import Evicted, Published
 from service.sinks.zenoh import TogetherSink, ZenohSink
 from service.zenoh_session import close_session
 from tests.fuzzbee.processes import started
-from tests.service.flight_rig import Rig
+from tests.service.flight_rig import PAPER, Rig
 from tests.service.records import status
 from tests.service.sessions import (
-    PAPER,
     assert_without_gaps,
     get,
     heard,
     open_session,
-    options,
     plain_client,
     plain_listener,
     router,
@@ -94,7 +92,7 @@ def test_closing_withdraws_the_vehicle(endpoint):
 def test_three_default_sessions_find_each_other_whoever_listens(endpoint, first):
     """Peers do not relay: the two that came later must reach each other directly."""
     order = [(first + n) % 3 for n in range(3)]
-    sessions = {number: open_session(options(endpoint)) for number in order}
+    sessions = {number: open_session(endpoint) for number in order}
     got = {1: [], 2: []}
     for number, samples in got.items():
         sessions[number].declare_subscriber("test/9/attitude", samples.append)
@@ -124,7 +122,7 @@ def test_unusable_options_are_named_in_one_line(endpoint, changes, words, tmp_pa
     monkeypatch.chdir(tmp_path)
     (tmp_path / "deep.json5").write_text("{listen: " + 50_000 * "[")
     with pytest.raises(InputError, match=words) as caught:
-        open_session(options(endpoint, **changes))
+        open_session(endpoint, **changes)
     assert "\n" not in str(caught.value)
     assert ".rs" not in str(caught.value)
 
@@ -132,7 +130,7 @@ def test_unusable_options_are_named_in_one_line(endpoint, changes, words, tmp_pa
 def test_a_second_service_for_the_same_vehicle_is_noticed(endpoint, session):
     reported = []
     zenoh_sink(session).handle(statuses(ONE))
-    second = zenoh_sink(open_session(options(endpoint)), reported.append)
+    second = zenoh_sink(open_session(endpoint), reported.append)
     second.handle(statuses(OTHER))
     assert reported == []
     for _ in range(2):  # reported once
