@@ -35,9 +35,7 @@ class Flight:
     truth: list  # q_ned_frd at the samples
 
 
-def banked_flight(
-    seconds=60.0, rate_hz=50.0, report_hz=10.0, bank_rad=0.9, seed=0, velocity_noise=0.02
-):
+def banked_flight(seconds=60.0, rate_hz=50.0, report_hz=10.0, bank_rad=0.9, seed=0):
     """Seeded; a little sensor noise, reports at the samples' times."""
     rng = np.random.default_rng(seed)
     every = round(1.0 / (rate_hz * FINE_STEP_S))
@@ -66,7 +64,7 @@ def banked_flight(
             truth.append(q)
             if k % spacing == 0:
                 velocity = rotate(from_euler_rad(0.0, 0.0, yaw), (SPEED_M_S, 0.0, 0.0))
-                report = _noisy(rng, velocity, velocity_noise)
+                report = _noisy(rng, velocity, 0.02)
                 reports.append((k, VelocitySample(samples[-1].time_us, report, True, 0.3)))
         roll += roll_rate * FINE_STEP_S
         yaw += yaw_rate * FINE_STEP_S

@@ -11,7 +11,6 @@ from tests.programs import run_python
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
-OF_PROCESSES = {"live"}  # it ends with those that it has started
 
 pytestmark = [pytest.mark.checkout, pytest.mark.slow]
 
@@ -36,7 +35,7 @@ def numbers_in(value):
 @pytest.fixture
 def printed(name, monkeypatch, capsys):
     """What a benchmark prints."""
-    if name in OF_PROCESSES:
+    if name == "live":  # it ends with the processes that it has started
         return run(name, "--smoke", "--json")
     # in this process: to import everything anew takes longer than most of them
     monkeypatch.syspath_prepend(str(FOLDER))

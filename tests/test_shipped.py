@@ -13,6 +13,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from tests.fuzzbee.processes import free_endpoint, free_port, started
+from tests.fuzzbee.services import await_line
 from tests.programs import run_python
 
 ROOT = Path(__file__).parents[1]
@@ -81,12 +82,10 @@ def test_everything_that_is_copied_reaches_the_build():
 def test_every_service_is_the_one_image_locked_down_and_runs_as_nobody_in_particular():
     assert ("USER", "10001:10001") in instructions()
     for service in services().values():
-        assert service["image"] == "fuzzbee:local"
-        assert (COMPOSE.parent / service["build"]["context"] / "docker/Dockerfile").exists()
         assert service["build"]["dockerfile"] == "docker/Dockerfile"
-        assert service["init"] is True
-        assert service["read_only"] is True
-        assert service["cap_drop"] == ["ALL"]
+        assert (COMPOSE.parent / service["build"]["context"] / "docker/Dockerfile").exists()
+        locked = [service[name] for name in ("image", "init", "read_only", "cap_drop")]
+        assert locked == ["fuzzbee:local", True, True, ["ALL"]]
 
 
 def test_the_commands_name_each_other():
@@ -114,9 +113,7 @@ def test_the_composition_shows_attitudes_and_is_healthy():
     endpoint = f"tcp/127.0.0.1:{session}"
     assert health(endpoint).returncode == 1  # nobody there
     with started(*here("service")) as service:
-        for line in service.stderr:  # the vehicle comes later: that is no fault
-            if "trying again" in line:
-                break
+        await_line(service, "trying again")  # the vehicle comes later: that is no fault
         assert health(endpoint).stdout == "0 vehicles\n"
         with started(*here("sim")), started(*here("watch"), *private) as watch:
             lines = [watch.stdout.readline() for _ in range(3)]
@@ -124,8 +121,7 @@ def test_the_composition_shows_attitudes_and_is_healthy():
     assert all(re.search(r"1  (running|waiting)", line) for line in lines)
     assert "running" in lines[-1]
     assert "roll" in lines[-1]
-    assert checked.returncode == 0
-    assert checked.stdout == "1 vehicles\n"
+    assert (checked.returncode, checked.stdout) == (0, "1 vehicles\n")
 
 
 # --- what is installed with us: its licences, and the container's libraries by their hashes

@@ -48,13 +48,8 @@ def built(build):
     return st.integers(0, 2**64 - 1).map(lambda seed: build(random.Random(seed)))
 
 
-def damaged(content):
-    """``content`` with bits flipped, pieces cut out, repeated or put in."""
-    return built(lambda rng: damage(content, rng))
-
-
 def damage(content, rng):
-    """See ``damaged``."""
+    """``content`` with bits flipped, pieces cut out, repeated or put in."""
     data = bytearray(content)
     for _ in range(rng.randrange(12)):
         if not data:

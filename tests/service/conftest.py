@@ -6,7 +6,7 @@ from service.process import load_kernels
 from service.zenoh_session import close_session
 from tests.fuzzbee.processes import free_endpoint
 from tests.service.flight_rig import SETTLE_S, Rig
-from tests.service.sessions import open_session, options, plain_client
+from tests.service.sessions import open_session, plain_client
 
 PATIENCE_S = 60.0
 
@@ -32,7 +32,7 @@ def endpoint():
 @pytest.fixture
 def session(endpoint):
     """The service's own, on a port of the test's."""
-    opened = open_session(options(endpoint))
+    opened = open_session(endpoint)
     yield opened
     close_session(opened)
 

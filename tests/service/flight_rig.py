@@ -10,7 +10,7 @@ from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
-from estimator.geometry.quaternion import conjugate, multiply, rotate_inverse
+from estimator.geometry.metrics import angle_errors
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from service.pipeline import Pipeline
@@ -25,16 +25,14 @@ S = 1_000_000
 SETTLE_S = 8.0  # of flight before a fault
 
 
-def imu_events(
-    count, *, vehicle=ONE, message="RAW_IMU", seed=0, start_us=START_US, source=None
-) -> list[Event]:
+def imu_events(count, *, vehicle=ONE, seed=0, start_us=START_US, source=None) -> list[Event]:
     """``count`` samples, of the paper's motion at 100 Hz if no source is given, 2 ms under way."""
     source = source or SimulatedVehicle(seed=seed)
     events: list[Event] = []
     for _ in range(count):
         sample = ImuSample(*next(source)[:4], has_mag=True)
         arrival_us = start_us + sample.time_us + UNDER_WAY_US
-        events.append(Imu(vehicle, arrival_us, sample.time_us, message, sample))
+        events.append(Imu(vehicle, arrival_us, sample.time_us, "RAW_IMU", sample))
     return events
 
 
@@ -74,12 +72,12 @@ class Wire:
 class Rig:
     """One vehicle at ``rate_hz`` and a service that ticks with every sample."""
 
-    def __init__(self, profile="paper", rate_hz=50.0, *, noise=0.1, seed=3, policy=Policy()):  # noqa: B008
-        self.samples = SimulatedVehicle(seed=seed, rate_hz=rate_hz, noise=noise, bias=0.1)
+    def __init__(self, profile="paper", rate_hz=50.0, *, seed=3):
+        self.samples = SimulatedVehicle(seed=seed, rate_hz=rate_hz, noise=0.1, bias=0.1)
         self.pipeline = Pipeline(load_profile(profile), rate_hz=rate_hz)
         self.encoder = FrameEncoder(ONE)
         self.decoder = MavlinkDecoder(references=False)
-        self.gate = FrameGate(policy)
+        self.gate = FrameGate(Policy())
         self.readers: dict[str, FrameReader] = {}
         self.messages: list[str] = []
         self.records: list[AttitudeRecord] = []
@@ -99,8 +97,7 @@ class Rig:
         return dict(self.vehicle.rejected)
 
     def status(self) -> StatusRecord:
-        now_us = self.now_us + self.host_shift_us
-        return status_record(self.vehicle, now_us, Load(), 0)
+        return status_record(self.vehicle, self.now_us + self.host_shift_us, Load(), 0)
 
     def fly(
         self,
@@ -110,9 +107,8 @@ class Rig:
     ) -> "Rig":
         """Fly on; returns self. ``records`` and ``errors_deg`` are those of this stretch."""
         self.records, self.errors_deg, self.tilt_errors_deg, self.messages = [], [], [], []
-        first = next(self.samples)
-        end_us = first.time_us + seconds * S
-        sample = first
+        sample = next(self.samples)
+        end_us = sample.time_us + seconds * S
         while True:
             self.now_us = START_US + sample.time_us + UNDER_WAY_US
             self.truth = sample.q_ned_frd
@@ -140,8 +136,8 @@ class Rig:
         for event in events:
             self.take(self.pipeline.handle(event, self.now_us + self.host_shift_us))
 
-    def tick(self) -> None:
-        self.take(self.pipeline.tick(self.now_us + self.host_shift_us))
+    def tick(self, load: Load | None = None) -> None:
+        self.take(self.pipeline.tick(self.now_us + self.host_shift_us, load))
 
     def take(self, outputs: list[Any]) -> None:
         for output in outputs:
@@ -152,40 +148,27 @@ class Rig:
             elif isinstance(output.record, AttitudeRecord):
                 assert math.isclose(math.hypot(*output.record.q_ned_frd), 1.0, abs_tol=1e-9)
                 self.records.append(output.record)
-                self.errors_deg.append(_angle_deg(output.record.q_ned_frd, self.truth))
-                self.tilt_errors_deg.append(_tilt_deg(output.record.q_ned_frd, self.truth))
-
-
-def _angle_deg(q, truth):
-    w = abs(multiply(conjugate(truth), q)[0])
-    return math.degrees(2 * math.acos(min(1.0, w)))
-
-
-def _tilt_deg(q, truth):
-    seen, true = (rotate_inverse(each, (0.0, 0.0, 1.0)) for each in (q, truth))
-    cosine = sum(x * y for x, y in zip(seen, true, strict=True))
-    return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+                errors = angle_errors(output.record.q_ned_frd, self.truth)
+                self.errors_deg.append(math.degrees(errors.total_rad))
+                self.tilt_errors_deg.append(math.degrees(errors.inclination_rad))
 
 
 def frozen(*fields):
-    """A change that keeps these readings of the first sample; all of them if none are named."""
+    """A change that keeps these readings of the first sample."""
     first = []
 
     def change(sample):
         first.append(sample)
-        kept = first[0]
-        if not fields:
-            return kept._replace(time_us=sample.time_us)
-        return sample._replace(**{field: getattr(kept, field) for field in fields})
+        return sample._replace(**{field: getattr(first[0], field) for field in fields})
 
     return change
 
 
-def spiked(field, sizes, rng, share=0.01, axis=None):
-    """A change that adds one of the sizes to a share of the readings, on one axis or any."""
+def spiked(field, sizes, rng, axis=None):
+    """A change that adds one of the sizes to a hundredth of the readings, on one axis or any."""
 
     def change(sample):
-        if rng.random() > share:
+        if rng.random() > 0.01:
             return sample
         values = list(getattr(sample, field))
         values[rng.randrange(3) if axis is None else axis] += rng.choice(sizes)

@@ -36,26 +36,16 @@ def record(
     rate_rad_s=(0.1, 0.2, 0.3),
     sigma_deg=(1.0, 5.0),
     sequence=0,
-    time_boot_us=1_000_000,
     state=State.RUNNING,
 ):
     attitude = ATTITUDE._replace(
-        time_us=time_boot_us,
         q_ned_frd=from_euler_rad(radians(roll_deg), radians(pitch_deg), radians(yaw_deg)),
         rate_rad_s=rate_rad_s,
         sigma_inclination_rad=radians(sigma_deg[0]),
         sigma_heading_rad=radians(sigma_deg[1]),
     )
-    made = attitude_record(
-        attitude,
-        time_unix_us=UNIX_US,
-        time_boot_us=time_boot_us,
-        state=state,
-        age_us=5_000,
-        sequence=sequence,
-    )
-    assert made is not None
-    return made
+    times = {"time_unix_us": UNIX_US, "time_boot_us": attitude.time_us, "age_us": 5_000}
+    return attitude_record(attitude, **times, state=state, sequence=sequence)
 
 
 class Collector:

@@ -21,15 +21,10 @@ from tests.fuzzbee.processes import listen_setting
 from tests.service.flight_rig import PAPER
 
 
-def open_session(options):
-    """An open session; whoever opened it closes it."""
-    return OpeningSession(options).session()
-
-
-def options(endpoint, **changes):
-    """The default session on a port of the test's own."""
-    made = ZenohOptions(connect=(endpoint,), settings=(listen_setting(endpoint),))
-    return made._replace(**changes)
+def open_session(endpoint, **changes):
+    """The default session on a port of the test's own; whoever opened it closes it."""
+    options = ZenohOptions(connect=(endpoint,), settings=(listen_setting(endpoint),))
+    return OpeningSession(options._replace(**changes)).session()
 
 
 def wait_for(condition, timeout_s=60.0):
@@ -118,7 +113,7 @@ def tokens(session, key):
 def service(endpoint):
     """The whole service on the built-in vehicle, in a thread of its own."""
     requests = ParameterRequests()
-    sink = ZenohSink(open_session(options(endpoint)), "test", PAPER, requests)
+    sink = ZenohSink(open_session(endpoint), "test", PAPER, requests)
     with SimSource(SimulatedVehicle(seed=0)) as source, Outbox([sink]) as outbox:
         runner = Runner(source, Pipeline(PAPER), outbox, rate_hz=100.0, requests=requests)
         thread = threading.Thread(target=runner.run)

@@ -5,7 +5,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.events import BuiltIn
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.aiding.compass import CONTRADICTED
 from estimator.geometry.earth import PlaceField
@@ -15,7 +14,7 @@ from estimator.live.settings import settings_of
 from estimator.types import ImuSample
 from service.alarms import Alarm, Alarms
 from service.pipeline import Pipeline
-from tests.service.flight_rig import IMU, ONE, PAPER, START_US, fed, imu_events, statuses, texts
+from tests.service.flight_rig import IMU, PAPER, START_US, fed, imu_events, statuses, texts
 from tests.service.records import ATTITUDE
 
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -81,7 +80,6 @@ FIELD_WRONG, TOO_SURE = {Alarm.FIELD_IMPOSSIBLE}, {Alarm.SIGMA_TOO_SMALL}
 @pytest.mark.parametrize(
     ("seconds", "given", "output"),
     [
-        (60, {}, set()),
         (8, TILTED_9, {Alarm.ACCELEROMETER}),
         (2, TILTED_9, set()),
         (60, {"dip_error_rad": radians(4), "sigma_deg": 6.0}, set()),
@@ -93,13 +91,9 @@ FIELD_WRONG, TOO_SURE = {Alarm.FIELD_IMPOSSIBLE}, {Alarm.SIGMA_TOO_SMALL}
         (30, {"mag": (0.218, 0.0, -0.428)}, FIELD_WRONG),  # of the other hemisphere
         (30, {"mag": (0.428, 0.0, 0.218)}, FIELD_WRONG),  # 36 deg too flat
         (30, {"mag": (1.5, 0.0, 3.0), "place": None}, FIELD_WRONG),  # of no place on Earth
-        (30, {"mag": (0.1, 0.19, 0.428)}, FIELD_WRONG),  # 62 deg off the heading
-        (30, {"mag": (0.21, 0.05, 0.428)}, set()),
         (30, {"mag": (-0.218, 0.0, 0.428), "place": None}, set()),  # nobody knows where north is
         (30, {"mag": (-0.218, 0.0, 0.428), "heading_deg": 45.0}, set()),  # unknown
-        (40, {"acc": (0.0, -4.0, -9.0)}, TOO_SURE),  # 24 deg
-        (40, {"acc": (0.0, -4.0, -9.0), "sigma_deg": 6.0}, set()),
-        (40, {"acc": (0.0, -2.0, -9.6)}, set()),  # a turning plane
+        (40, {"acc": (0.0, -4.0, -9.0), "sigma_deg": 6.0}, set()),  # 24 deg
         (60, {"mag": swinging}, TOO_SURE),
         (60, {"mag": swinging, "is_aided": True}, FIELD_WRONG),
         (30, {"mag": swinging, "place": None}, TOO_SURE),
@@ -188,25 +182,6 @@ def test_a_fitting_profile_raises_no_warning(profile, motion):
     pipeline = fed(imu_events(3000, source=SimulatedVehicle(5, 50.0, motion)), profile)
     (status,) = statuses(pipeline.tick(START_US + 60_000_000))
     assert status.warnings == ()
-
-
-def test_a_profile_that_the_vehicle_contradicts_is_reported_in_the_status():
-    pipeline = Pipeline(IMU)
-    pipeline.handle(BuiltIn(ONE, START_US, "paper"))
-    (status,) = statuses(pipeline.tick(START_US))
-    assert status.warnings == ("profile_unfit",)
-    pipeline.replace_profile(ONE, {"filter": {"gamma": 0.5}})  # somebody knows better
-    (status,) = statuses(pipeline.tick(START_US + 2_000_000))
-    assert status.warnings == ()
-
-
-def test_a_word_is_reported_until_it_has_not_been_so_for_a_while():
-    alarms = Alarms()
-    biases = [(0.0, LIMIT if half < 20 else 0.0, 0.0) for half in range(60)]
-    output = [bool(looked(alarms, half, bias=bias)) for half, bias in enumerate(biases)]
-    # a share of 0.84 after ten seconds falls to 0.6 in 1.7 and to 0.3 in 5.2 s
-    assert output[20:28] == [True] * 8
-    assert output[34:] == [False] * 26
 
 
 @pytest.mark.parametrize(

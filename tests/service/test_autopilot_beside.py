@@ -11,33 +11,22 @@ from estimator.geometry.quaternion import exp, multiply
 from service.pipeline import Pipeline
 from tests.service.flight_rig import ONE, PAPER, imu_events, statuses, texts
 
-SAMPLES = 3000
 
-
-def in_roll(turn_deg):
-    """An attitude that is shown turned about the vehicle's own axis."""
-    return lambda q: multiply(q, exp((radians(turn_deg), 0.0, 0.0)))
+def turned(roll_deg=0.0, pitch_deg=0.0):
+    """An attitude that is shown turned about the vehicle's own axes."""
+    return lambda q: multiply(q, exp((radians(roll_deg), radians(pitch_deg), 0.0)))
 
 
 def flown(
-    turn_deg=0.0,
-    *,
-    clock_off_us=0,
-    late_us=0,
-    parameters=(),
-    message="ATTITUDE",
-    word=None,
-    word_off_us=0,
-    shown=None,
-    vehicle_type=1,
-):
+    show, *, message="ATTITUDE", clock_off_us=0, late_us=0, parameters=(), vehicle_type=1,
+    word=None, word_off_us=0,
+):  # fmt: skip
     """The lines and the last status of a vehicle whose autopilot shows another attitude."""
-    show, profile, lines = shown or in_roll(turn_deg), PAPER, []
-    pipeline, twin = Pipeline(profile), Estimator(profile)
+    pipeline, twin, lines = Pipeline(PAPER), Estimator(PAPER), []
     pipeline.handle(Heartbeat(ONE, 0, 3, vehicle_type))
     for name, value in parameters:
         pipeline.handle(Parameter(ONE, 0, name, value))
-    for k, event in enumerate(imu_events(SAMPLES)):
+    for k, event in enumerate(imu_events(3000)):
         outputs, now_us = pipeline.handle(event), event.arrival_us
         twin.update(event.sample)
         for name, value in parameters if k == 0 else ():
@@ -54,7 +43,7 @@ def flown(
 
 
 def test_a_wrong_attitude_is_reported_once_and_warned_of():
-    (line,), status = flown(60.0)
+    (line,), status = flown(turned(60.0))
     found = status.autopilot
     assert "the autopilot's horizon has been" in line
     assert "autopilot_differs" in status.warnings
@@ -65,28 +54,18 @@ def test_a_wrong_attitude_is_reported_once_and_warned_of():
 
 
 @pytest.mark.parametrize(
-    ("turn_deg", "parameters"),
-    [(0.0, []), (-60.0, [("AHRS_TRIM_X", radians(60.0))])],  # its IMU is mounted with a trim
-)
-def test_the_same_attitude_is_no_news(turn_deg, parameters):
-    lines, status = flown(turn_deg, parameters=parameters)
-    assert lines == []
-    assert "autopilot_differs" not in status.warnings
-    assert status.autopilot.verdict != "differs"
-    assert status.autopilot.inclination_deg == pytest.approx(0.0, abs=1.0)
-
-
-@pytest.mark.parametrize(
-    "other",
+    ("other", "is_compared"),
     [
-        *({"clock_off_us": off_us} for off_us in (5_000_000, -5_000_000, -200_000)),
-        {"message": "AHRS2", "late_us": 15_000},  # without a stamp; a sample comes each 10 ms
+        *(({"clock_off_us": off_us}, False) for off_us in (5_000_000, -5_000_000, -200_000)),
+        # without a stamp, and right behind its IMU message or not; a sample comes each 10 ms
+        ({"message": "AHRS2", "late_us": 5_000}, True),
+        ({"message": "AHRS2", "late_us": 15_000}, False),
     ],
 )
-def test_an_attitude_of_another_clock_is_not_compared(other):
-    lines, status = flown(60.0, **other)
-    assert lines == []
-    assert status.autopilot is None
+def test_an_attitude_of_another_clock_is_not_compared(other, is_compared):
+    lines, status = flown(turned(60.0), **other)
+    assert bool(lines) is is_compared
+    assert (status.autopilot and status.autopilot.verdict) == ("differs" if is_compared else None)
 
 
 def pitched_down(q):
@@ -95,11 +74,7 @@ def pitched_down(q):
     return from_euler_rad(roll, pitch - radians(60.0), yaw)
 
 
-def as_a_copter(q):
-    """As a tailsitter shows itself while it hovers."""
-    return multiply(q, exp((0.0, radians(-90.0), 0.0)))
-
-
+as_a_copter = turned(pitch_deg=-90.0)  # as a tailsitter shows itself while it hovers
 PITCH, OLD_PITCH, TAILSITTER = ("PTCH_TRIM_DEG", 60.0), ("TRIM_PITCH_CD", 6e3), "Q_TAILSIT_ENABLE"
 QUADPLANE, SHOWS_ALL = ("Q_ENABLE", 1.0), ("FLIGHT_OPTIONS", 256.0)
 
@@ -107,35 +82,35 @@ QUADPLANE, SHOWS_ALL = ("Q_ENABLE", 1.0), ("FLIGHT_OPTIONS", 256.0)
 @pytest.mark.parametrize(
     ("shown", "parameters", "vehicle_type", "verdict"),
     [
+        (turned(), [], 1, "agrees"),
+        (turned(-60.0), [("AHRS_TRIM_X", radians(60.0))], 1, "agrees"),  # its IMU is so mounted
         (pitched_down, [], 1, "differs"),
         (pitched_down, [PITCH], 1, "agrees"),
         (pitched_down, [OLD_PITCH], 1, "agrees"),
         (pitched_down, [PITCH, SHOWS_ALL], 1, "differs"),
-        (in_roll(0.0), [PITCH, SHOWS_ALL], 1, "agrees"),
-        (in_roll(0.0), [PITCH], 1, "differs"),
-        (in_roll(0.0), [PITCH, QUADPLANE], 1, "agrees"),  # while it hovers
+        (turned(), [PITCH, SHOWS_ALL], 1, "agrees"),
+        (turned(), [PITCH], 1, "differs"),
+        (turned(), [PITCH, QUADPLANE], 1, "agrees"),  # while it hovers
         (as_a_copter, [], 1, "differs"),
         (as_a_copter, [(TAILSITTER, 1.0)], 1, "agrees"),
-        (in_roll(0.0), [(TAILSITTER, 1.0)], 1, "agrees"),
+        (turned(), [(TAILSITTER, 1.0)], 1, "agrees"),
         (as_a_copter, [], 20, "agrees"),
         (as_a_copter, [(TAILSITTER, 0.0)], 22, "differs"),
         (as_a_copter, [], 22, None),  # not reported
-        (in_roll(0.0), [], 22, "agrees"),
-        (in_roll(60.0), [], 22, "differs"),
+        (turned(), [], 22, "agrees"),
+        (turned(60.0), [], 22, "differs"),
     ],
 )
 def test_what_an_autopilot_shows_its_pilot_is_known_by_parameters_and_type(
     shown, parameters, vehicle_type, verdict
 ):
-    lines, status = flown(shown=shown, parameters=parameters, vehicle_type=vehicle_type)
+    lines, status = flown(shown, parameters=parameters, vehicle_type=vehicle_type)
     found = None if status.autopilot is None else status.autopilot.verdict
     assert found in ((verdict, "cannot_tell") if verdict == "agrees" else (verdict,))
     assert bool(lines) is (verdict == "differs")
-
-
-def test_an_attitude_without_a_stamp_is_compared_right_behind_its_imu_message():
-    _, status = flown(60.0, message="AHRS2", late_us=5_000)
-    assert status.autopilot.verdict == "differs"
+    assert ("autopilot_differs" in status.warnings) is (verdict == "differs")
+    if verdict == "agrees":
+        assert status.autopilot.inclination_deg == pytest.approx(0.0, abs=1.0)
 
 
 @pytest.mark.parametrize(
@@ -149,6 +124,6 @@ def test_an_attitude_without_a_stamp_is_compared_right_behind_its_imu_message():
     ],
 )
 def test_what_the_autopilot_s_filter_reports_against_itself_is_evidence(word, off_us, output):
-    _, status = flown(60.0, word=word, word_off_us=off_us)
+    _, status = flown(turned(60.0), word=word, word_off_us=off_us)
     assert ("its own filter" in status.autopilot.evidence) is (output is not None)
     assert (output or "") in status.autopilot.evidence

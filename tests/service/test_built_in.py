@@ -1,6 +1,6 @@
 """The built-in vehicle through the service: right, known to be, and the paper's experiment."""
 
-import math
+from math import degrees
 
 import numpy as np
 import pytest
@@ -12,19 +12,19 @@ from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import SimSource
 from estimator.estimator import Estimator
 from estimator.filter import kernel
-from estimator.geometry.metrics import COST_SAMPLES, paper_cost, rms
-from estimator.geometry.quaternion import conjugate, multiply, normalized_distance
+from estimator.geometry.metrics import COST_SAMPLES, angle_errors, paper_cost, rms
+from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import settings_of
 from service.pipeline import Pipeline
 from service.records import Replaced
-from tests.service.flight_rig import IMU, ONE, PAPER, START_US, Wire, fed, imu_events, texts
+from tests.service.flight_rig import IMU, ONE, PAPER, START_US, Wire, imu_events, statuses, texts
 from tuning.paper_experiment import run_experiment
 
 RATE_HZ = 50.0
 
 
 def flown(motion, seconds, seed, **options):
-    """Times, total errors, inclination and heading errors and both sigmas (s, deg) at samples."""
+    """Times, total, heading and inclination errors, both sigmas likewise (s, deg) at samples."""
     vehicle = SimulatedAutopilot(VehicleOptions(seed, RATE_HZ, motion, **options), 1)
     pipeline = Pipeline(IMU, fits_built_in=True)
     wire, rows = Wire(), []
@@ -36,16 +36,10 @@ def flown(motion, seconds, seed, **options):
                 time_us = event.sample.time_us
             elif isinstance(event, ReferenceAttitude) and event.source == "sim":
                 attitude = pipeline.vehicle(ONE).estimator.attitude(time_us)
-                rows.append((boot_us * 1e-6, *errors(attitude, event.q_ned_frd)))
+                errors = angle_errors(attitude.q_ned_frd, event.q_ned_frd)
+                angles = (*errors, attitude.sigma_heading_rad, attitude.sigma_inclination_rad)
+                rows.append((boot_us * 1e-6, *map(degrees, angles)))
     return np.array(rows)
-
-
-def errors(attitude, truth):
-    w, _, _, z = multiply(attitude.q_ned_frd, conjugate(truth))
-    inclination = 2 * math.acos(min(1.0, math.hypot(w, z)))
-    sigmas = (attitude.sigma_inclination_rad, attitude.sigma_heading_rad)
-    angles = (2 * math.acos(min(1.0, abs(w))), inclination, 2 * math.atan2(abs(z), abs(w)), *sigmas)
-    return tuple(map(math.degrees, angles))
 
 
 @pytest.mark.parametrize(
@@ -65,7 +59,7 @@ def test_the_flight_is_right_from_start_to_landing():
     after_start = rows[rows[:, 0] >= 2.0]
     assert rms(after_start[:, 1]) == pytest.approx(0.483, rel=0.2)
     assert after_start[:, 1].max() < 5.7  # 4.8, in the climb
-    assert rows[rows[:, 0] < 0.5][:, 2].max() > 8.0  # the wrong start is one
+    assert rows[rows[:, 0] < 0.5][:, 3].max() > 8.0  # the wrong start is one
     for error, sigma in ((2, 4), (3, 5)):
         assert np.mean(after_start[:, error] <= after_start[:, sigma]) > 0.8
 
@@ -81,7 +75,8 @@ def test_fuzzbee_s_own_vehicle_gets_the_profile_that_fits():
     told = texts(pipeline.handle(built_in("paper")))
     assert told == [f"vehicle 1: fuzzbee's own, motion paper, {noisy}"]
     assert pipeline.handle(built_in("paper")) == []
-    fed(imu_events(300), pipeline)
+    for event in imu_events(300):
+        pipeline.handle(event)
     assert pipeline.vehicle(ONE).profile == PAPER
     outputs = pipeline.tick(START_US + 3_000_000)
     assert [o for o in outputs if isinstance(o, Replaced)] == [Replaced(ONE, PAPER)]
@@ -103,6 +98,11 @@ def test_a_profile_that_was_asked_for_stays_and_is_reported_if_it_does_not_fit()
     (text,) = texts(pipeline.handle(built_in("paper")))
     assert text.endswith("profile paper would fit, this one does not")
     assert pipeline.vehicle(ONE).profile == IMU
+    (status,) = statuses(pipeline.tick(START_US))
+    assert status.warnings == ("profile_unfit",)
+    pipeline.replace_profile(ONE, {"filter": {"gamma": 0.5}})  # somebody knows better
+    (status,) = statuses(pipeline.tick(START_US + 2_000_000))
+    assert status.warnings == ()
     assert texts(pipeline.handle(built_in("flight"))) == []
 
 

@@ -11,7 +11,8 @@ from drivers.mavlink.gate import MOST_SENDERS as MOST_GATED
 from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
 from service.parameters import MOST_PROFILES
 from service.pipeline import FORGOTTEN_LOOKS, Pipeline
-from service.records import Evicted, Published, Replaced
+from service.records import Evicted, Replaced
+from tests.drivers.mavlink.messages import only
 from tests.service.flight_rig import ONE, PAPER, START_US, fed, imu_events, texts
 
 SECOND_US = 1_000_000
@@ -33,7 +34,7 @@ def imu_frame(vehicle, boot_us) -> Frame:
 
 
 def evicted(outputs):
-    return [each.vehicle for each in outputs if isinstance(each, Evicted)]
+    return [each.vehicle for each in only(Evicted, outputs)]
 
 
 def day(vehicles):
@@ -49,12 +50,10 @@ def test_thousands_of_ids_in_a_row_each_find_a_place(monkeypatch):
     decoder, pipeline = MavlinkDecoder(), Pipeline(PAPER)
     met, gone, most = set(), [], 0
     for frame, arrival_us in day(addresses(1200)):
-        for event in decoder.events(frame, arrival_us):
-            pipeline.handle(event)
-            if isinstance(event, Imu):
-                met.add(event.vehicle)
-            if isinstance(event, Forgotten):
-                gone.append(event.vehicle)
+        events = decoder.events(frame, arrival_us)
+        fed(events, pipeline)
+        met |= {event.vehicle for event in only(Imu, events)}
+        gone += [event.vehicle for event in only(Forgotten, events)]
         most = max(most, len(pipeline.vehicles))
     assert len(met) == 1201
     assert most == 512
@@ -78,37 +77,27 @@ def test_a_flood_of_addresses_takes_no_place_of_a_vehicle_that_is_silent(monkeyp
     for number, vehicle in enumerate(others[10:]):
         arrival_us = START_US + SILENT_US + 10_000 * number
         frame = sent(vehicle, command_ack(ONE, 1, 0))
-        gone += [e for e in decoder.events(frame, arrival_us) if isinstance(e, Forgotten)]
+        gone += only(Forgotten, decoder.events(frame, arrival_us))
     assert len(gone) > 1000
     assert not {each.vehicle for each in gone} & {ONE, *others[:9]}
     events = decoder.events(imu_frame(ONE, 2 * SECOND_US), arrival_us)
     assert [type(each) for each in events][-1] is Imu  # its clock went on
 
 
-def silence(pipeline, seconds, now_us):
-    outputs = []
-    for _ in range(seconds):
-        now_us += SECOND_US
-        outputs += pipeline.tick(now_us)
-    return outputs, now_us
-
-
 def test_a_vehicle_is_forgotten_after_an_hour_and_its_parameters_are_not():
     events = imu_events(100)
     pipeline = fed(events)
     changed = pipeline.replace_profile(ONE, {"filter": {"gamma": 0.5}})
-    outputs, now_us = silence(pipeline, FORGOTTEN_LOOKS - 2, events[-1].arrival_us)
-    assert evicted(outputs) == []
-    outputs, now_us = silence(pipeline, 8, now_us)
-    assert evicted(outputs) == [ONE]
-    assert not any(isinstance(each, Published) for each in outputs[-2:])
+    times_us = [events[-1].arrival_us + k * SECOND_US for k in range(1, FORGOTTEN_LOOKS + 7)]
+    looks = [pipeline.tick(now_us) for now_us in times_us]
+    assert [evicted(outputs) for outputs in looks if evicted(outputs)] == [[ONE]]
+    assert not any(map(evicted, looks[: FORGOTTEN_LOOKS - 2]))
+    assert looks[-2:] == [[], []]
     assert pipeline.vehicles == ()
     assert list(pipeline.evicted.values()) == [1, 100, 0, 0, 4]
-    back = msgspec.structs.replace(events[0], arrival_us=now_us)
-    pipeline.handle(back)
+    pipeline.handle(msgspec.structs.replace(events[0], arrival_us=times_us[-1]))
     assert pipeline.vehicle(ONE).profile == changed
-    (replaced,) = [e for e in pipeline.tick(now_us) if isinstance(e, Replaced)]
-    assert replaced.profile == changed
+    assert only(Replaced, pipeline.tick(times_us[-1])) == [Replaced(ONE, changed)]
 
 
 def test_heartbeats_alone_keep_a_vehicle():

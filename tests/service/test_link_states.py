@@ -12,11 +12,9 @@ from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.samples.imu_stream import MOST_HELD
 from estimator.types import ZERO_VEC3
-from service.records import StatusRecord
-from service.vehicle_status import Load, status_record
+from service.vehicle_status import Load
 from tests.service.flight_rig import START_US, Rig, S
 
-RATE_HZ = 50.0
 LONGEST_FRAME = 280  # bytes
 OTHER = VehicleId(7, 1)
 
@@ -26,7 +24,7 @@ class Link(RuleBasedStateMachine):
 
     def __init__(self):
         super().__init__()
-        self.rig = Rig("imu", RATE_HZ)
+        self.rig = Rig("imu")
         self.other = FrameEncoder(OTHER)
         self.sent = 0  # whole frames of the vehicle, of the present decoder and pipeline
         self.again = 0  # of them those that came before
@@ -35,8 +33,6 @@ class Link(RuleBasedStateMachine):
         # the vehicle's times of the last samples; of these the service may have refused some
         self.sent_us: deque[int] = deque(maxlen=3)
         self.was_set_back = False  # by about a second or less: those may be late copies
-        self.sequences: list[int] = []
-        self.ticks = 0
 
     def pass_on(self, frame):
         self.rig.receive(self.half + frame)
@@ -114,11 +110,9 @@ class Link(RuleBasedStateMachine):
         self.tick(Load(has_just_woken=woken, is_shedding=shedding))
 
     def tick(self, load=Load()):  # noqa: B008 - immutable
-        now_us = self.rig.now_us + self.rig.host_shift_us
         before = len(self.rig.records)
-        self.rig.take(self.rig.pipeline.tick(now_us, load))
+        self.rig.tick(load)
         assert len(self.rig.records) == before or self.sent > bool(self.half)
-        self.ticks += 1
 
     @invariant()
     def ticks_go_on(self):
@@ -129,11 +123,8 @@ class Link(RuleBasedStateMachine):
         vehicle = self.rig.vehicle
         if vehicle is None:
             return
-        now_us = self.rig.now_us + self.rig.host_shift_us
-        status = status_record(vehicle, now_us, Load(), 0)
-        assert isinstance(status, StatusRecord)
-        refused = sum(status.rejected.values())
-        handled = vehicle.imu.samples + status.shed + refused
+        status = self.rig.status()
+        handled = vehicle.imu.samples + status.shed + sum(status.rejected.values())
         whole = self.sent - bool(self.half)
         # a sample of another time, until the next one confirms or contradicts it; of a clock that
         # falls back by less than a second all, until it is known whether they are late copies

@@ -49,10 +49,8 @@ def test_a_log_skips_what_a_live_link_skips(tmp_path):
     rig.frame = lambda sample: records.append((rig.now_us, frame(sample))) or records[-1][1]
     rig.fly(10.0)
     path = tmp_path / "three.tlog"
-    with path.open("wb") as file:
-        for arrival_us, data in records:
-            for one in FrameReader().feed(data):
-                file.write(arrival_us.to_bytes(8, "big") + one.data)
+    frames = ((us, one.data) for us, data in records for one in FrameReader().feed(data))
+    path.write_bytes(b"".join(us.to_bytes(8, "big") + data for us, data in frames))
     replay, read = Replay(PAPER), Counter()
     handle = replay.pipeline.handle
     replay.pipeline.handle = lambda event: (read.update([type(event).__name__]), handle(event))[1]

@@ -1,6 +1,7 @@
 """Overload: what is left out, and that it ends."""
 
 import math
+from statistics import median
 
 import pytest
 
@@ -122,33 +123,26 @@ class SlowPipeline(Pipeline):
         return super().handle(event, now_us)
 
 
-class GivenLink:
+class GivenLink(FrameQueue):
     """A link's queue and decoder on what vehicles send until ``end_s``, a sample a datagram."""
 
     lost = 0
 
     def __init__(self, clock, vehicles, end_s, room):
+        super().__init__(room)
         self._clock, self._end_s = clock, end_s
         self._fleet = Fleet(VehicleOptions(rate_hz=50.0), vehicles)
-        self._reader, self._decoder, self._queue = FrameReader(), MavlinkDecoder(), FrameQueue(room)
+        self._reader, self._decoder = FrameReader(), MavlinkDecoder()
         self._sent_s, self.sent = 0.0, 0
-
-    @property
-    def dropped(self):
-        return self._queue.dropped
-
-    @property
-    def shed(self):
-        return self._queue.shed
 
     def drain(self, timeout_s):
         self._receive()
         end_s = self._clock.now_s + max(timeout_s, 1e-6)
-        while not len(self._queue) and self._clock.now_s < end_s:
+        while not len(self) and self._clock.now_s < end_s:
             self._clock.now_s = min(end_s, self._clock.now_s + 1e-3)
             self._receive()
-        events = [e for us, frame in self._queue.take(16) for e in self._decoder.events(frame, us)]
-        return events + self._queue.take_shed(self._clock.unix_us())
+        events = [e for us, frame in self.take(16) for e in self._decoder.events(frame, us)]
+        return events + self.take_shed(self._clock.unix_us())
 
     def _receive(self):
         """All that was sent until now, each millisecond's with its own time of arrival."""
@@ -156,12 +150,11 @@ class GivenLink:
         while self._sent_s + 1e-3 <= min(now_s, self._end_s):
             self._sent_s += 1e-3
             unix_us = START_US + round(1e6 * self._sent_s)
-            self._fleet.send_due(1e6 * self._sent_s, unix_us, self._take)
+            self._fleet.send_due(1e6 * self._sent_s, unix_us, self._arrive)
 
-    def _take(self, data):
+    def _arrive(self, data):
         self.sent += 1
-        arrival_us = START_US + round(1e6 * self._sent_s)
-        self._queue.add(arrival_us, self._reader.feed(data))
+        self.add(START_US + round(1e6 * self._sent_s), self._reader.feed(data))
 
 
 class Kept(Collector):
@@ -184,8 +177,7 @@ def test_a_computer_that_is_too_slow_keeps_its_ticks_and_reports_it():
     """Twenty vehicles at 50 Hz need 3 s a second of it; then they are gone."""
     load_s, rate_hz = 4.0, 50.0
     pipeline, link, got = run_given(20, load_s, 12.0, room=256, cost_s=0.003)
-    seen = attitudes(got)
-    reported = statuses(got)
+    seen, reported = attitudes(got), statuses(got)
     assert any(text.startswith("overloaded") for text in texts(got))
     assert any(text.startswith("no longer overloaded") for text in texts(got))
     assert any(status.overloaded and status.published_hz < rate_hz for status in reported)
@@ -200,10 +192,8 @@ def test_a_computer_that_is_too_slow_keeps_its_ticks_and_reports_it():
     taken = [vehicle.imu.samples for vehicle in pipeline.vehicles]
     assert min(taken) > 0.25 * max(taken)
     # attitudes are of fresh samples all the time; without leaving any out they would be 8 s old
-    begin_us = min(attitude.time_unix_us for attitude in seen)
-    during = [a for a in seen if a.time_unix_us - begin_us < load_s * 1e6]
-    ages_ms = sorted(a.age_ms for a in during)
-    assert ages_ms[len(ages_ms) // 2] < 150.0
+    end_us = min(attitude.time_unix_us for attitude in seen) + load_s * 1e6
+    assert median(a.age_ms for a in seen if a.time_unix_us < end_us) < 150.0
 
 
 def test_what_piled_up_in_a_stop_is_taken():
@@ -212,8 +202,7 @@ def test_what_piled_up_in_a_stop_is_taken():
     later = [a for a in attitudes(got) if a.time_unix_us > START_US + 2_600_000]
     assert len({a.time_boot_us for a in later}) == len(later) > 10
     assert max(a.age_ms for a in later) < 100.0
-    # each leaves with its sample
-    assert sorted(a.age_ms for a in later)[len(later) // 2] < 2.0
+    assert median(a.age_ms for a in later) < 2.0  # each leaves with its sample
     assert {a.state for a in later} == {"running"}
     (vehicle,) = pipeline.vehicles
     assert vehicle.imu.shed == link.shed == 0

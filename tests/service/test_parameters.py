@@ -70,9 +70,9 @@ def nested(depth):
 # The payload, and the words that its answer has
 HOSTILE = {
     "megabytes": (b'{"provenance": {"description": "' + b"x" * 3_000_000 + b'"}}', ""),
-    "no end": (b"[" * 60_000, ""),
-    "a list": (b"[1]", ""),
-    "half an object": (b"{", ""),
+    "no end": (b"[" * 60_000, "no JSON object"),
+    "a list": (b"[1]", "no JSON object"),
+    "half an object": (b"{", "no JSON object"),
     "an unknown key": (b'{"filter": {"gama": 1}}', "profile update: unknown key 'gama'"),
     "an unknown section": (b'{"surprise": {}}', "surprise"),
     "no section": (b'{"filter": 3}', "filter"),
@@ -80,13 +80,8 @@ HOSTILE = {
     "not finite": (b'{"membership": {"k1": NaN}}', "no JSON object"),
     "out of range": (b'{"filter": {"gamma": 1e999}}', "no JSON object"),
     "a long number": (b'{"filter": {"gamma": ' + b"9" * 5000 + b"}}", ""),
-    "negative": (b'{"filter": {"gamma": -1}}', "filter.gamma"),
-    "a text": (b'{"filter": {"gamma": "1"}}', "filter.gamma"),
-    "a switch": (b'{"filter": {"gamma": true}}', "filter.gamma"),
-    "a number for a switch": (b'{"conditioning": {"enabled": 1}}', "conditioning.enabled"),
-    "no direction": (b'{"reference": {"gravity": [0, 0, 0]}}', "reference.gravity"),
-    "half a character": (b'{"\\ud800": 1}', ""),
-    "no text": (b"\xff\xfe\x00", ""),
+    "half a character": (b'{"\\ud800": 1}', "no JSON object"),
+    "no text": (b'{"\xff": 1}', "no JSON object"),
     **{f"{depth} deep": (nested(depth), "") for depth in (100, 900, *range(950, 1001, 10), 30_000)},
 }
 

@@ -164,7 +164,7 @@ def test_the_end_of_a_log_ends_the_loop():
 
 
 def test_a_signal_ends_the_loop_and_handlers_are_put_back():
-    before = signal.getsignal(signal.SIGTERM)
+    before = [*map(signal.getsignal, (signal.SIGTERM, signal.SIGINT))]
     with SimSource(SimulatedVehicle(seed=0)) as source, Outbox([]) as outbox:
         runner = Runner(source, Pipeline(PAPER), outbox, rate_hz=1.0)
         timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGTERM))
@@ -173,7 +173,7 @@ def test_a_signal_ends_the_loop_and_handlers_are_put_back():
             runner.run(120.0)
         timer.join()
     assert runner.was_stopped
-    assert signal.getsignal(signal.SIGTERM) is before
+    assert [*map(signal.getsignal, (signal.SIGTERM, signal.SIGINT))] == before
 
 
 def test_who_asks_for_a_profile_once_the_loop_has_ended_is_refused_at_once():

@@ -37,13 +37,6 @@ def test_the_offset_is_found_through_latency_and_drift(drift, period_us, limit_u
     assert abs(clock.offset_us - true) < limit_us  # measured 451 to 609, 943 to 4332
 
 
-def test_round_trip_and_set_back_arrivals():
-    clock = clock_after((1_000, OFFSET_US + 1_000))
-    assert clock.to_vehicle_us(OFFSET_US + 5_000) == 5_000
-    clock.observe(2_000, OFFSET_US)  # the host's clock was set back by 2 ms
-    assert clock.to_vehicle_us(OFFSET_US) == 2_000
-
-
 @pytest.mark.parametrize(("count", "is_step"), [(2, False), (3, True)])
 def test_a_second_with_two_messages_shows_no_step(count, is_step):
     later_us = [10_000_000 + k * 1_000_000 // count for k in range(count + 1)]
@@ -122,13 +115,17 @@ def test_a_host_clock_set_back_does_not_lower_the_bound_twice():
     assert clock.offset_us == pytest.approx(OFFSET_US - 600_000_000, abs=1)
 
 
-@pytest.mark.parametrize(("median_us", "is_held"), [(20_000.0, True), (500_000.0, False)])
-def test_what_counts_as_held_back_follows_the_streams_interval(median_us, is_held):
+@pytest.mark.parametrize(
+    ("median_us", "late_us", "is_held"),
+    [(20_000.0, 300_000, True), (500_000.0, 300_000, False), (20_000.0, 90_000, False)],
+)
+def test_what_counts_as_held_back_follows_the_streams_interval(median_us, late_us, is_held):
+    """Less than a tenth of a second is jitter in any stream."""
     clock = clock_after(*((k * 500_000, 50_000_000 + k * 500_000) for k in range(10)))
-    taken_us, late_us = 5_000_000, 300_000
+    taken_us = 5_000_000
     arrival_us = 55_000_000 + late_us
     time_us, age_us = clock.propagated_to(taken_us, arrival_us, median_us, arrival_us + 1000)
-    if is_held:  # nobody knows whether those 0.3 s have passed
+    if is_held:  # nobody knows whether that time has passed
         assert (time_us - taken_us, age_us) == (1000, pytest.approx(late_us + 1000, abs=20_000))
     else:
         assert (time_us - taken_us, age_us) == (pytest.approx(late_us + 1000, abs=20_000), 1000)
@@ -201,11 +198,8 @@ def published(sample_hz, seed):
             woken_us = int(pipeline.wake_us) + 1
             note(pipeline.tick(woken_us), woken_us, False)
         sample = ImuSample(round(1e6 * k / sample_hz) + 1, *LEVEL, True)
-        note(
-            pipeline.handle(Imu(ONE, now_us, sample.time_us, "RAW_IMU", sample), now_us),
-            now_us,
-            True,
-        )
+        event = Imu(ONE, now_us, sample.time_us, "RAW_IMU", sample)
+        note(pipeline.handle(event, now_us), now_us, True)
     return found
 
 

@@ -10,7 +10,7 @@ from tests.service.flight_rig import SETTLE_S, Rig, apart_deg, frozen, spiked, s
 
 
 def test_a_stuck_imu_is_refused_and_the_attitude_degraded_then_lost(rig):
-    rig.fly(10.0, frozen())
+    rig.fly(10.0, frozen("gyr_rad_s", "acc_m_s2", "mag_gauss"))
     assert rig.rejected["stuck"] > 400
     assert states(rig) == ["running", "degraded"]
     assert rig.vehicle.state is State.LOST
@@ -74,20 +74,12 @@ def test_a_simulator_without_noise_is_not_called_stuck(motion):
     assert states(rig) == ["running"]
 
 
-@pytest.mark.parametrize(
-    ("sensor", "field", "limit", "seconds", "refused", "error_deg"),
-    [
-        ("gyroscope", "gyr_rad_s", 34.9, 0.4, 21, 0.88),  # all of 0.4 s
-        ("accelerometer", "acc_m_s2", 4 * 9.80665, 0.6, 27, 0.99),
-    ],
-)
-def test_a_saturated_sensor_is_refused_and_the_estimate_recovers(
-    rig, sensor, field, limit, seconds, refused, error_deg
-):
-    rig.fly(seconds, lambda s: s._replace(**{field: (limit, getattr(s, field)[1], -limit)}))
-    assert rig.rejected[f"{sensor}_saturated"] == pytest.approx(refused, rel=0.2)
+def test_a_saturated_accelerometer_is_refused_and_the_estimate_recovers(rig):
+    limit = 4 * 9.80665
+    rig.fly(0.6, lambda s: s._replace(acc_m_s2=(limit, s.acc_m_s2[1], -limit)))
+    assert rig.rejected["accelerometer_saturated"] == pytest.approx(27, rel=0.2)
     rig.fly(2.0).fly(3.0)
-    assert max(rig.errors_deg) == pytest.approx(error_deg, rel=0.2)
+    assert max(rig.errors_deg) == pytest.approx(0.99, rel=0.2)
 
 
 @pytest.mark.parametrize("limit_rad_s", [4.363, 8.727, 17.45, 34.9])
@@ -96,9 +88,9 @@ def test_after_a_saturated_gyroscope_the_attitude_is_aligned_anew(profile, limit
     """Nothing shows the turn beyond the rail."""
     rig, quiet = Rig(profile, seed=11).fly(SETTLE_S), Rig(profile, seed=11).fly(SETTLE_S)
     rig.fly(0.5, lambda s: s._replace(gyr_rad_s=(s.gyr_rad_s[0], limit_rad_s, s.gyr_rad_s[2])))
-    quiet.fly(0.5)
+    assert rig.rejected["gyroscope_saturated"] >= 21  # all but the first few
+    quiet.fly(0.5).fly(5.0)
     rig.fly(5.0)
-    quiet.fly(5.0)
     assert sum("aligning anew" in text for text in rig.messages) == 1
     behind_the_alignment = apart_deg(rig, quiet, last=200)
     expected_deg = {"paper": 0.89, "imu": 0.82}[profile]
@@ -124,14 +116,6 @@ def test_spikes_on_one_axis_move_the_estimate_little(sensor, size, mean_deg, mos
     assert max(apart) < most_deg
 
 
-@pytest.mark.parametrize("rate_hz", [50.0, 100.0, 200.0])
-def test_large_spikes_of_the_gyroscope_are_refused_and_the_estimate_holds(rate_hz):
-    rig = Rig(rate_hz=rate_hz, seed=8).fly(SETTLE_S)
-    rig.fly(10.0, spiked("gyr_rad_s", (-25.0, 25.0), random.Random(5)))
-    assert set(rig.rejected) == {"gyroscope_spike"}
-    assert max(rig.errors_deg) == pytest.approx(1.06, rel=0.2)  # 1.00 to 1.11
-
-
 def test_a_gyroscope_that_is_turned_up_at_once_counts_from_the_second_sample_on(rig):
     rig.fly(1.0, lambda s: s._replace(gyr_rad_s=(s.gyr_rad_s[0], s.gyr_rad_s[1] + 15.0, 0.0)))
     assert rig.rejected == {"gyroscope_spike": 1}
@@ -151,8 +135,7 @@ def test_without_the_magnetometer_the_heading_goes_on_and_its_bound_grows():
 
 
 def test_a_swapped_magnetometer_lowers_the_confidence_and_the_tilt_holds():
-    rig = Rig("imu").fly(SETTLE_S).fly(1.0)
-    assert rig.records[-1].confidence.magnetic == pytest.approx(0.981, abs=0.005)
+    rig = Rig("imu").fly(SETTLE_S)
     rig.fly(3.0, lambda s: s._replace(mag_gauss=(s.mag_gauss[1], -s.mag_gauss[2], s.mag_gauss[0])))
     assert min(record.confidence.magnetic for record in rig.records) < 0.00012  # measured 0.000095
     assert states(rig) == ["running"]

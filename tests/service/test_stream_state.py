@@ -9,7 +9,6 @@ from estimator.types import VelocitySample
 from service.records import State
 from service.stream_state import LONGEST_SILENCE_US, ImuChoice, ImuStream
 
-LATE_US = 500_000
 BOTH = ("RAW_IMU", "SCALED_IMU2") * 3
 
 
@@ -97,7 +96,7 @@ def test_an_imu_that_is_gone_is_replaced_and_used_again_when_it_is_back_for_good
 
 @pytest.mark.parametrize(
     ("silence_us", "patience"),
-    [(LONGEST_SILENCE_US, 2 * LONGEST_SILENCE_US), (LONGEST_SILENCE_US + 1, LATE_US)],
+    [(LONGEST_SILENCE_US, 2 * LONGEST_SILENCE_US), (LONGEST_SILENCE_US + 1, 500_000)],
 )
 def test_a_silence_so_long_that_the_vehicle_was_gone_is_not_the_message_s(silence_us, patience):
     choice = ImuChoice()

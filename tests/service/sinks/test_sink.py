@@ -6,6 +6,7 @@ import time
 from service.records import Message
 from service.sinks.sink import MAX_PENDING, Outbox
 from tests.service.records import Collector
+from tests.service.sessions import wait_for
 
 
 def messages(*texts):
@@ -108,8 +109,7 @@ def test_what_can_be_done_at_once_is_done_by_the_loop_and_overtakes_nothing():
         assert texts(sink) == ["0", "1", "2"]
         outbox.put(messages(5))  # behind those that wait
         sink.release.set()
-        while len(sink.got) < 6:
-            time.sleep(0.01)
+        wait_for(lambda: len(sink.got) == 6)
         outbox.put(messages(6, "bad"))
         outbox.put([])  # brings the error
     assert texts(sink) == [*map(str, range(7)), "bad", "quick: it broke"]
@@ -117,21 +117,11 @@ def test_what_can_be_done_at_once_is_done_by_the_loop_and_overtakes_nothing():
 
 
 def test_a_sink_for_eyes_takes_what_has_gathered_and_all_before_the_close():
-    class Eyes(Collector):
-        rest_s = 30.0
-
-        def __init__(self):
-            super().__init__()
-            self.first = threading.Event()
-
-        def handle(self, outputs):
-            super().handle(outputs)
-            self.first.set()
-
-    sink = Eyes()
+    sink = Collector()
+    sink.rest_s = 30.0
     outbox = Outbox([sink])
     outbox.put(messages(0))
-    assert sink.first.wait(60)
+    wait_for(lambda: sink.got)
     outbox.put(messages(1))
     outbox.put(messages(2))
     time.sleep(0.05)
