@@ -6,19 +6,16 @@ import pytest
 
 from drivers.events import ClockReset, Imu, Position, Velocity
 from drivers.logs.open import open_log
-from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.samples.navigation import MOST_INFLATION, STATUS_HOLDS_US
 from tests.drivers.logs.writers import DataflashWriter, UlogWriter
+from tests.drivers.mavlink.messages import UNIX, S, m, only
 
-S = 1_000_000
-UNIX_US = 1_700_000_000 * S
 FLYING = 0x33F  # ArduPilot with satellites
 STANDING = 0xA7  # const_pos_mode, although with a velocity
 WITHOUT = 0x3A5  # const_pos_mode and no velocity
 CANBERRA, NEAR_NOWHERE = (-353632610, 1491652299), (2081, -732)  # ArduPlane's before its first fix
-m = mavlink()
 
 
 def decoded(*messages, reboot_at=None):
@@ -34,7 +31,7 @@ def decoded(*messages, reboot_at=None):
             message.time_usec = 1000 * boot_ms
         for each in (imu, message):
             for frame in reader.feed(bytes(each.pack(link))):
-                events += decoder.events(frame, UNIX_US + k * S // 10)
+                events += decoder.events(frame, UNIX + k * S // 10)
     return [event for event in events if not isinstance(event, Imu)]
 
 
@@ -114,14 +111,14 @@ def test_a_place_is_used_where_the_filter_or_the_receiver_has_one(flags, fix, pl
 )
 def test_a_filters_velocity_is_taken_as_far_as_its_own_tests_allow(status, flags, ratio, sigma_m_s):
     events = decoded(status(flags, ratio), position(), local())
-    sigmas = [e.sample.sigma_m_s for e in events if isinstance(e, Velocity)]
+    sigmas = [e.sample.sigma_m_s for e in only(Velocity, events)]
     assert sigmas == pytest.approx([sigma_m_s] * 2 if sigma_m_s else [])
 
 
 def test_a_status_holds_for_a_while():
     later = [local() for _ in range(10 * STATUS_HOLDS_US // S + 1)]
     (event,) = decoded(ardupilot(STANDING), *later)[1:]
-    assert event.arrival_us - UNIX_US == STATUS_HOLDS_US + S // 10
+    assert event.arrival_us - UNIX == STATUS_HOLDS_US + S // 10
 
 
 def test_the_receiver_goes_on_while_the_filter_stands():
@@ -134,11 +131,10 @@ def test_a_reboot_takes_the_words_back():
     flight = [ardupilot(FLYING), *(position(2081, -732) for _ in range(8)), position()]
     assert len(names(decoded(*flight), Position)) == 9
     rebooted = decoded(*flight, reboot_at=3)
-    assert [e.reason for e in rebooted if isinstance(e, ClockReset)] == ["reboot"]
-    places = [e for e in rebooted if isinstance(e, Position)]
-    near = [e for e in places if abs(e.latitude_deg) < 1.0]
-    assert len(near) <= 3  # one more until a second message has confirmed the reboot
-    assert len(places) == len(near) + 1  # the last, which is plausible
+    assert [e.reason for e in only(ClockReset, rebooted)] == ["reboot"]
+    are_near = [abs(e.latitude_deg) < 1.0 for e in only(Position, rebooted)]
+    assert sum(are_near) <= 3  # one more until a second message has confirmed the reboot
+    assert len(are_near) == sum(are_near) + 1  # the last, which is plausible
 
 
 def dataflash(folder, flags, ratio=0.1):
@@ -182,5 +178,4 @@ def ulog(folder, flags, *, ratio=0.1, dead_reckoning=False, primary=0, changes=F
 )
 def test_on_board_logs(write, flags, reported, sigmas, tmp_path):
     events = list(open_log(write(tmp_path, flags, **reported)))
-    found = [e.sample.sigma_m_s for e in events if isinstance(e, Velocity)]
-    assert found == pytest.approx(sigmas)
+    assert [e.sample.sigma_m_s for e in only(Velocity, events)] == pytest.approx(sigmas)

@@ -6,9 +6,8 @@ import pytest
 
 from drivers.samples.vehicle_clock import Placed, TimeField, VehicleClock
 from estimator.reasons import Reason
+from tests.drivers.mavlink.messages import UNIX, S
 
-S = 1_000_000
-UNIX = 1_700_000_000 * S
 USEC, BOOT_MS = TimeField.TIME_USEC, TimeField.BOOT_MS
 OFF = "clock_pace"
 
