@@ -74,30 +74,25 @@ class UlogWriter:
 
     def sensors(self):
         """The format and the subscription of sensor_combined and a magnetometer."""
-        fields = b"uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;"
-        self.write(b"F", b"sensor_combined:" + fields)
-        self.write(b"F", b"vehicle_magnetometer:uint64_t timestamp;float[3] magnetometer_ga;")
-        self.write(b"A", b"\0" + struct.pack("<H", 7) + b"sensor_combined")
-        return self.write(b"A", b"\0" + struct.pack("<H", 8) + b"vehicle_magnetometer")
+        self.topic(7, "sensor_combined", "float[3] gyro_rad;float[3] accelerometer_m_s2")
+        return self.topic(8, "vehicle_magnetometer", "float[3] magnetometer_ga")
 
     def truth(self):
         """The format and the subscription of the true attitude."""
-        self.write(b"F", b"vehicle_attitude_groundtruth:uint64_t timestamp;float[4] q;")
-        return self.write(b"A", b"\0" + struct.pack("<H", 9) + b"vehicle_attitude_groundtruth")
+        return self.topic(9, "vehicle_attitude_groundtruth", "float[4] q")
 
     def attitude(self, time_us, q):
-        return self.write(b"D", struct.pack("<HQ4f", 9, time_us, *q))
+        return self.row(9, "4f", time_us, *q)
 
     def sample(self, time_us, gyr, acc):
-        return self.write(b"D", struct.pack("<HQ6f", 7, time_us, *gyr, *acc))
+        return self.row(7, "6f", time_us, *gyr, *acc)
 
     def mag(self, time_us, gauss):
-        return self.write(b"D", struct.pack("<HQ3f", 8, time_us, *gauss))
+        return self.row(8, "3f", time_us, *gauss)
 
     def topic(self, number, name, fields):
         """The format and the subscription of any topic."""
-        text = f"{name}:uint64_t timestamp;{fields};"
-        self.write(b"F", text.encode())
+        self.write(b"F", f"{name}:uint64_t timestamp;{fields};".encode())
         return self.write(b"A", b"\0" + struct.pack("<H", number) + name.encode())
 
     def row(self, number, layout, time_us, *values):
@@ -200,6 +195,10 @@ def json_mcap(path, messages):
 SENSORS = {"gyro": "_rad_s", "acc": "_m_s2", "mag": "_gauss"}
 WRITERS = {"tlog": tlog, "dataflash": dataflash, "ulog": ulog, "csv": table}
 ALL_WRITERS = {**WRITERS, "mcap": mcap}
+
+
+def noisy(rng, vector, sigma=0.01):
+    return tuple(x + rng.gauss(0.0, sigma) for x in vector)
 
 
 def of(kind, events, message=None):

@@ -9,14 +9,11 @@ from drivers.samples.sensor_faults import Readings, SensorFaults
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse
 from estimator.reasons import Reason
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3
+from tests.drivers.logs.writers import noisy
 
 G = STANDARD_GRAVITY_M_S2
 STEP_US = 20_000
 DOWN, FIELD = (0.0, 0.0, -G), (0.2, 0.0, 0.4)
-
-
-def noisy(rng, vector, sigma):
-    return tuple(x + rng.gauss(0.0, sigma) for x in vector)
 
 
 class Stream:
