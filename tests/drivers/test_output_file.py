@@ -12,9 +12,9 @@ from estimator.errors import InputError
 needs_root = pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="needs root")
 
 
-def linked(tmp_path, content=b""):
+def linked(tmp_path):
     target, link = tmp_path / "target", tmp_path / "link"
-    target.write_bytes(content)
+    target.touch()
     link.symlink_to(target)
     return target, link
 

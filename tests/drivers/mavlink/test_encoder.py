@@ -8,11 +8,10 @@ from hypothesis import strategies as st
 
 from drivers.events import VehicleId
 from drivers.mavlink import encoder
-from drivers.mavlink.constants import mavlink
+from tests.drivers.mavlink.messages import m
 
 UNIX_US = 1_790_000_000_000_000
 VEHICLE = VehicleId(7, 1)
-m = mavlink()
 
 floats = st.floats(-1e6, 1e6, width=32)
 vectors = st.tuples(floats, floats, floats)

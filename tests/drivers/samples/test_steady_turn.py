@@ -9,12 +9,11 @@ from drivers.samples.sensor_faults import Readings, SensorFaults
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import rotate_inverse
 from estimator.reasons import Reason
+from estimator.types import ZERO_VEC3 as NO_FIELD
+from tests.drivers.mavlink.messages import G, S
 
-S = 1_000_000
-G = 9.80665
 RATE_HZ = 50.0
 FIELD_NED_GAUSS = (0.22, 0.05, -0.5)  # the southern hemisphere's
-NO_FIELD = (0.0, 0.0, 0.0)
 WEAVE_S, CIRCLE_S = 4.0, 20.0
 
 

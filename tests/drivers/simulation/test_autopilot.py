@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from drivers.events import VehicleId
-from drivers.mavlink.constants import mavlink
 from drivers.simulation.autopilot import PARAMETERS, SimulatedAutopilot, VehicleOptions
 from drivers.simulation.fleet import Fleet
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.errors import InputError
-from tests.drivers.mavlink.messages import PymavlinkParser
+from tests.drivers.mavlink.messages import PymavlinkParser, frame, m
 
 SECOND = 1_000_000
 UNIX_US = 1_790_000_000_000_000
@@ -24,9 +23,7 @@ def parsed(data):
 
 def message(kind, *fields):
     """A message as another program sends it, after a trip through bytes."""
-    dialect = mavlink()
-    sender = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
-    (read,) = parsed(getattr(dialect, f"MAVLink_{kind}_message")(*fields).pack(sender))
+    (read,) = parsed(frame(getattr(m, f"MAVLink_{kind}_message")(*fields), 255, 190))
     return read
 
 
@@ -170,7 +167,7 @@ def test_parameters():
 def test_it_identifies_itself_ahead_of_the_first_sample():
     for motion in ("paper", "flight"):
         messages = flown(SECOND - 1, motion=motion)
-        kinds = [m.get_type() for m in messages]
+        kinds = [each.get_type() for each in messages]
         assert kinds.index("AUTOPILOT_VERSION") < kinds.index("RAW_IMU")
         output = of_type(messages, "AUTOPILOT_VERSION")
         assert len(output) == 10
@@ -252,12 +249,7 @@ def test_a_fleet_answers_each_peer_s_half_frames():
         *({"motion": "loop"}, {"noise": -1.0}, {"bias": inf}, {"magnet": (3.0, 3.0)}, {"seed": -1}),
     ],
 )
-def test_bad_options_are_refused(options):
-    with pytest.raises(InputError):
-        Fleet(VehicleOptions(**options), 1)
-
-
-@pytest.mark.parametrize("count", [lambda: Fleet(VehicleOptions(), 0), lambda: simulate(0, 0)])
-def test_none_at_all_is_refused(count):
-    with pytest.raises(InputError):
-        count()
+def test_bad_options_and_a_fleet_of_none_are_refused(options):
+    for make in (lambda: Fleet(VehicleOptions(**options), 1), lambda: Fleet(VehicleOptions(), 0)):
+        with pytest.raises(InputError):
+            make()
