@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from drivers.events import ClockReset, Imu, Position, Velocity
+from drivers.events import Imu, Position, Velocity
 from drivers.logs.open import open_log
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
@@ -18,12 +18,12 @@ WITHOUT = 0x3A5  # const_pos_mode and no velocity
 CANBERRA, NEAR_NOWHERE = (-353632610, 1491652299), (2081, -732)  # ArduPlane's before its first fix
 
 
-def decoded(*messages, reboot_at=None):
+def decoded(*messages):
     """The events of messages a tenth of a second apart, an IMU's with each."""
     decoder, reader, events = MavlinkDecoder(), FrameReader(), []
     link = m.MAVLink(None, srcSystem=1, srcComponent=1)
     for k, message in enumerate(messages):
-        boot_ms = 100_000 + 100 * k if reboot_at is None or k < reboot_at else 100 * k
+        boot_ms = 100_000 + 100 * k
         imu = m.MAVLink_raw_imu_message(1000 * boot_ms, 0, 0, -1000, 0, 0, k, 200, 0, 400)
         if "time_boot_ms" in message.fieldnames:
             message.time_boot_ms = boot_ms
@@ -124,17 +124,6 @@ def test_a_status_holds_for_a_while():
 def test_the_receiver_goes_on_while_the_filter_stands():
     events = decoded(ardupilot(STANDING), receiver(3), position(), local())
     assert names(events, Velocity) == ["GPS_RAW_INT"]
-
-
-def test_a_reboot_takes_the_words_back():
-    """Before the reboot a filter that knows its place vouches for one near (0, 0)."""
-    flight = [ardupilot(FLYING), *(position(2081, -732) for _ in range(8)), position()]
-    assert len(names(decoded(*flight), Position)) == 9
-    rebooted = decoded(*flight, reboot_at=3)
-    assert [e.reason for e in only(ClockReset, rebooted)] == ["reboot"]
-    are_near = [abs(e.latitude_deg) < 1.0 for e in only(Position, rebooted)]
-    assert sum(are_near) <= 3  # one more until a second message has confirmed the reboot
-    assert len(are_near) == sum(are_near) + 1  # the last, which is plausible
 
 
 def dataflash(folder, flags, ratio=0.1):

@@ -227,14 +227,6 @@ def test_a_second_of_free_fall_is_no_reason():
     assert not only(given.Notice, decode_all(fall + rest))
 
 
-def test_truth_belongs_to_the_imu_message_it_follows_once():
-    """Two in a row: the IMU message of the second was lost."""
-    sim = m.MAVLink_sim_state_message(1, 0, 0, 0, *[0] * 17)
-    first, second, third = (raw_imu(S + 40_000 * k) for k in range(3))
-    events = decode_all([sim, first, sim, sim, second, sim, third])
-    assert [event.time_us for event in only(given.ReferenceAttitude, events)] == [S, S + 40_000]
-
-
 def attitude_quaternion(w, x=0, ms=MS):
     return m.MAVLink_attitude_quaternion_message(ms, w, x, *[0] * 5)
 
