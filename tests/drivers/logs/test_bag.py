@@ -40,10 +40,8 @@ class Bag:
             self.types = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
             self.writer = rosbag1.Writer(path)
         else:
-            plugin = rosbag2.StoragePlugin.MCAP
-            if path.suffix == ".db3":
-                plugin = rosbag2.StoragePlugin.SQLITE3
             self.types = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+            plugin = rosbag2.StoragePlugin["SQLITE3" if path.suffix == ".db3" else "MCAP"]
             self.writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
         self.connections = {}
         self.covariances = np.zeros(9)

@@ -128,14 +128,9 @@ def test_a_log_takes_no_memory_for_its_length(tmp_path, name, write):
 
 def noisy_data(data):
     """With stretches of noise, one of which is longer than a piece."""
-    third = len(data) // 3
-    return (
-        data[:third]
-        + bytes(range(256)) * 700
-        + data[third : 2 * third]
-        + b"\xfd\xfe" * 99
-        + data[2 * third :]
-    )
+    third, noise = len(data) // 3, bytes(range(256)) * 700
+    first, second, last = data[:third], data[third : 2 * third], data[2 * third :]
+    return first + noise + second + b"\xfd\xfe" * 99 + last
 
 
 def long_dataflash():

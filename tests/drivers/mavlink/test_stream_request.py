@@ -10,7 +10,7 @@ from drivers.mavlink.constants import mavlink
 from drivers.mavlink.gate import Policy
 from drivers.mavlink.outgoing import MOST_REPEATS, MOST_REQUESTS, MOST_STREAMS, Outbound
 from estimator.errors import InputError
-from estimator.types import ImuSample
+from estimator.types import ZERO_VEC3, ImuSample
 
 VEHICLE = VehicleId(3, 1)
 SECOND = 1_000_000
@@ -43,13 +43,11 @@ class Conversation:
         for _ in range(round(seconds * 100)):
             self.now_us += 10_000
             while self.rate_hz and self.boot_us <= self.now_us:
-                self.event(self._imu())
+                sample = ImuSample(int(self.boot_us), *[ZERO_VEC3] * 3, False)
+                self.event(Imu(VEHICLE, self.now_us, sample.time_us, self.message, sample))
                 self.boot_us += SECOND / self.rate_hz
-            self._react([])
+            self.event()
         return self
-
-    def event(self, event):
-        self._react([event])
 
     def ack(self, result):
         self.event(CommandAck(VEHICLE, self.now_us, 511, result))
@@ -58,12 +56,7 @@ class Conversation:
         self.rate_hz = SECOND / command.param2
         self.ack(0)
 
-    def _imu(self):
-        t = int(self.boot_us)
-        zero = (0.0, 0.0, 0.0)
-        return Imu(VEHICLE, self.now_us, t, self.message, ImuSample(t, zero, zero, zero, False))
-
-    def _react(self, events):
+    def event(self, *events):
         self.notices += [each.text for each in self.outbound.react(events, self.now_us)]
         for message in sent(self.outbound, self.now_us):
             assert (message.get_srcSystem(), message.get_srcComponent()) == (3, 191)
