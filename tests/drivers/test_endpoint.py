@@ -80,12 +80,15 @@ def test_bad_addresses_are_named(text, output):
     assert "\n" not in str(caught.value)
 
 
-def test_files_are_logs_and_folders_are_not(tmp_path):
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes")
+def test_files_are_logs_and_folders_and_pipes_are_not(tmp_path):
     log = tmp_path / "udpin:x"  # a file may have any name that is no address
     log.touch()
     assert parse_endpoint(str(log)) == Endpoint("log", path=str(log))
-    with pytest.raises(InputError, match="folder"):
-        parse_endpoint(str(tmp_path))
+    os.mkfifo(tmp_path / "pipe")
+    for path, words in ((tmp_path, "folder"), (tmp_path / "pipe", "no file but a pipe")):
+        with pytest.raises(InputError, match=words):
+            parse_endpoint(str(path))
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs pseudo terminals")
@@ -102,10 +105,3 @@ def test_help_and_parser_share_the_table():
         if form.kind != "log":
             assert parse_endpoint(form.example).kind == form.kind
     assert "sim:" not in endpoint_help(("tcp",))
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes")
-def test_a_pipe_is_there_and_is_no_log(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(InputError, match="no file but a pipe"):
-        parse_endpoint(str(tmp_path / "pipe"))

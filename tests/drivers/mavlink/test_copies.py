@@ -11,17 +11,14 @@ from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import EVERY_US, MOST_SENDERS, FrameGate, Policy
-from tests.drivers.mavlink.messages import only
+from tests.drivers.mavlink.messages import UNIX, VEHICLE, S, only
 
-S = 1_000_000
-UNIX_US = 1_790_000_000_000_000
 BOOT_US = 500 * S
-ONE = VehicleId(1, 1)
 
 
 def flight(seconds, boot_us=BOOT_US, seed=1, hz=50):
     """What a vehicle sends: time in us, and bytes."""
-    encoder, rng = FrameEncoder(ONE), random.Random(seed)
+    encoder, rng = FrameEncoder(VEHICLE), random.Random(seed)
     for number in range(int(seconds * hz)):
         at_us = number * S // hz
         force = (rng.gauss(0.0, 0.1), rng.gauss(0.0, 0.1), -9.8)
@@ -41,15 +38,15 @@ class Wire:
         events = []
         for at_us, peer, data in sorted(packets):
             reader = self.readers.setdefault(peer, FrameReader())
-            for frame in self.gate.let_in(reader.feed(data), peer, UNIX_US + at_us):
-                events += self.decoder.events(frame, UNIX_US + at_us)
-            events += self.gate.take_refused(UNIX_US + at_us)
+            for frame in self.gate.let_in(reader.feed(data), peer, UNIX + at_us):
+                events += self.decoder.events(frame, UNIX + at_us)
+            events += self.gate.take_refused(UNIX + at_us)
         return events
 
 
 def lateness_s(events):
     """How far behind the vehicle each sample that was taken arrived."""
-    return [(e.arrival_us - UNIX_US - (e.boot_us - BOOT_US)) / S for e in only(Imu, events)]
+    return [(e.arrival_us - UNIX - (e.boot_us - BOOT_US)) / S for e in only(Imu, events)]
 
 
 def refused(events):
@@ -155,7 +152,7 @@ def test_what_this_program_has_sent_is_no_vehicle_s():
 @pytest.mark.parametrize("lost", [100, 255, 300])
 def test_frames_that_are_missing_took_their_time_however_steadily_the_next_ones_come(lost):
     """A fresher copy takes over; the numbers do not show 255 that are missing."""
-    encoder, gyr, mag = FrameEncoder(ONE), (0.0, 0.0, 0.1), (0.2, 0.0, 0.4)
+    encoder, gyr, mag = FrameEncoder(VEHICLE), (0.0, 0.0, 0.1), (0.2, 0.0, 0.4)
     sent = [
         encoder.frame(raw_imu(BOOT_US + 10_000 * k, (0.01 * (k % 7), 0.0, -9.8), gyr, mag), 0)
         for k in range(2000)
@@ -182,7 +179,7 @@ class Sender:
     """Three frames a sample, 50 samples a second."""
 
     def __init__(self, number, seed=0):
-        self.encoder, self.rng = FrameEncoder(ONE), random.Random(seed)
+        self.encoder, self.rng = FrameEncoder(VEHICLE), random.Random(seed)
         for _ in range(number):
             self.encoder.frame(self._message(0), 0)
 

@@ -73,6 +73,7 @@ ARRIVALS = {
     "a session that begins with what was held back before": lambda s: max(s, 14.0),
     "set back": lambda s: s - 3600.0 * (s > 30.0),
     "set forwards": lambda s: s + 3600.0 * (s > 30.0),
+    "set forwards by a day, and back": lambda s: s + 86_400.0 * (30.0 < s < 31.25),
 }
 
 

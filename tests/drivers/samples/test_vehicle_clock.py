@@ -79,10 +79,6 @@ STRETCHES = {
         [(50.0, 5, 0.25, 0.0), (61.0, 5, 0.25, 600.0)],
         ["jump"],
     ),
-    "the host's clock is set forwards and back": (
-        [(50.0, 5, 0.25, 0.0), (51.25, 5, 0.25, DAY_S), (52.5, 5, 0.25, -DAY_S)],
-        [],
-    ),
     "a reboot while the host's clock is set back": (
         [(300.0, 10, 0.25, 0.0), (3.0, 5, 0.25, -3600.0)],
         ["reboot"],
