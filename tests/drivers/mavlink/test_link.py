@@ -89,8 +89,7 @@ def test_a_refused_tcp_connection_is_retried(caplog):
         assert len(caplog.records) == 1  # one line
         with socket.create_server((HOST, port)) as server:
             events = []
-            accepted = accept(server, link, events)
-            with accepted:
+            with accept(server, link, events) as accepted:
                 vehicle = Vehicle()
                 events += collect(link, count(Imu, 3), lambda: accepted.sendall(vehicle.imu()))
         assert isinstance(events[0], LinkUp)
@@ -102,14 +101,12 @@ def test_a_lost_tcp_connection_is_made_again():
         vehicle = Vehicle()
         with MavlinkLink(Endpoint("tcp", HOST, server.getsockname()[1])) as link:
             for _ in range(2):
-                accepted = accept(server, link, [])
-                with accepted:
+                with accept(server, link, []) as accepted:
                     accepted.sendall(vehicle.imu() + vehicle.imu()[:7])  # ends in half a frame
                     collect(link, count(Imu))
                 (down,) = only(LinkDown, collect(link, count(LinkDown)))
                 assert "closed by the other side" in down.reason
-            accepted = accept(server, link, [])
-            with accepted:
+            with accept(server, link, []) as accepted:
                 accepted.sendall(vehicle.imu())
                 events = collect(link, count(Imu))
             assert only(Malformed, events) == []
@@ -185,8 +182,8 @@ def test_a_serial_line_comes_and_goes(tmp_path):
     with contextlib.ExitStack() as stack:
         with terminal() as (master, name):
             device.symlink_to(name)
-            link = MavlinkLink(parse_endpoint(f"{device}:57600"), request_rate_hz=50.0)
-            stack.enter_context(link)
+            endpoint = parse_endpoint(f"{device}:57600")
+            link = stack.enter_context(MavlinkLink(endpoint, request_rate_hz=50.0))
             os.write(master, vehicle.heartbeat() + vehicle.imu())
             events = collect(link, count(Imu))
             assert isinstance(events[0], LinkUp)
@@ -204,12 +201,8 @@ def test_a_serial_line_comes_and_goes(tmp_path):
 
 def test_a_serial_line_in_use_is_refused():
     with terminal() as (_, name):
-        endpoint = Endpoint("serial", path=name, baud=57600)
-        with (
-            MavlinkLink(endpoint),
-            pytest.raises(InputError, match="in use"),
-            MavlinkLink(endpoint),
-        ):
+        first, second = (MavlinkLink(Endpoint("serial", path=name, baud=57600)) for _ in range(2))
+        with first, pytest.raises(InputError, match="in use"), second:
             pass
 
 
