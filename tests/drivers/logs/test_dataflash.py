@@ -9,6 +9,7 @@ from drivers import events as given
 from drivers.logs.dataflash import Dataflash
 from drivers.logs.other_sensors import currents, vibrations
 from estimator.geometry.frames import from_euler_rad
+from estimator.types import ImuSample
 from tests.drivers.logs.writers import DataflashWriter, imu_times, malformed, of
 from tests.vocabulary import assert_attitude_close
 
@@ -65,17 +66,14 @@ def test_the_vehicle_is_named_by_its_parameters_and_arrivals_are_unix_times_by_t
 
 
 def test_the_field_goes_to_the_sample_behind_it_and_no_further(events):
-    first, *rest = of(given.Imu, events, "IMU")
-    assert len(rest) == 199
-    assert first.sample.gyr_rad_s == (0.125, -0.25, 0.5)
-    assert first.sample.acc_m_s2 == (0.25, -0.5, -9.75)
-    assert first.sample.time_us == first.boot_us == 10_000_000
-    assert rest[-1].sample.time_us == 10_000_000 + 199 * 20_000
+    imus, readings = of(given.Imu, events, "IMU"), ((0.125, -0.25, 0.5), (0.25, -0.5, -9.75))
+    for k in (0, 5):
+        us, field = 10_000_000 + 20_000 * k, pytest.approx((0.2 + 0.001 * k, -0.1, 0.4))
+        assert imus[k].sample == ImuSample(us, *readings, field, has_mag=True)
+        assert imus[k].boot_us == us
+    assert [each.sample.has_mag for each in imus[:10]] == [True, False, False, False, False] * 2
+    assert imu_times(events, "IMU") == [*range(10_000_000, 14_000_000, 20_000)]
     assert len(of(given.Imu, events, "IMU2")) == 200
-    samples = [event.sample for event in (first, *rest)]
-    assert [s.has_mag for s in samples[:10]] == [True, False, False, False, False] * 2
-    assert samples[0].mag_gauss == pytest.approx((0.2, -0.1, 0.4))
-    assert samples[5].mag_gauss == pytest.approx((0.205, -0.1, 0.4))
 
 
 def test_attitudes_velocities_positions_and_truth(events):
