@@ -231,10 +231,6 @@ WAYS = {
          "hx": ZERO},
         "StartTime: 2024-01-01 12:00:00\n", delimiter="\t",
     ),
-    "numbered": way(
-        {"t_us": 1e6 * T, "gyro[~] (rad/s)": GYR, "accel[~] (m/s^2)": ACC, "mag[~] (Ga)": MAG},
-        delimiter="|",
-    ),
     "of the first of two": way(
         {"time_s": T, "IMU1.gyro.$ (rad/s)": GYR, "IMU1.accel.$ (m/s^2)": ACC,
          "IMU1.mag.$ (Ga)": MAG},
@@ -259,8 +255,6 @@ WAYS = {
     "phone in full": way(PHONE, "# ", 'axes = ["y", "x", "-z"]', delimiter="  "),
     "dates": way({"Zeit": DATES, **EUROC}),
     "dates, called otherwise": way({"Zeitstempel": DATES, **EUROC}),
-    # two times: the one with a unit counts, though it stands last
-    "since start": way({"time": 1.7e18 + 1e9 * T, **PLAIN, "Time since start in ms": 1e3 * T}),
     "elapsed": way(
         {"time": 1.7e18 + 1e9 * T, "seconds_elapsed": T, "rotationRate_$_rad_s": GYR,
          "acc_$_m_s2": ACC, "mag_$_gauss": MAG},
@@ -275,13 +269,6 @@ WAYS = {
         delimiter=";", comma=",", form=",.12f",
     ),
     "nameless": (nameless, "utf-8", NAMELESS),
-    "exponents": way(
-        {"time_s": T, "w$_rad_s": GYR, "a$_m_s2": ACC, "m$_gauss": MAG}, delimiter="   "
-    ),
-    "greek": way(
-        {"time [s]": T, "ω_$ [rad·s⁻¹]": GYR, "a_$ [m·s⁻²]": ACC, "B_$ [µT]": 100 * MAG},
-        delimiter="\t",
-    ),
     "spanish": way(
         {"time (s)": T, "Gyro $ (º/s)": DEG * GYR, "Acc $ (m/s²)": ACC, "Mag $ (gauss)": MAG},
         delimiter=";", comma=",",
@@ -294,10 +281,6 @@ WAYS = {
         {"t / s": T, "ω_$ / (rad/s)": GYR, "a_$ / (m/s²)": ACC, "B_$ / µT": 100 * MAG},
         delimiter=";", comma=",",
     ),
-    "widely spaced": way(
-        {" Time (s) ": T, " Gyro-$ (rad.s-1) ": GYR, " Acc-$ (m.s-2) ": ACC, " Mag-$ (G) ": MAG},
-        delimiter=" ; ",
-    ),
     "of circuits": way(
         {"Time [us]": 1e6 * T, "LSM6DSO Gyro $ [mdps]": 1e3 * DEG * GYR,
          "LSM6DSO Acc $ [mg]": 1e3 * PER_G * ACC, "LIS2MDL Mag $ [mGauss]": 1e3 * MAG},
@@ -309,10 +292,5 @@ WAYS = {
     "in half words": way(
         {"% time(s)": T, "ang_vel_$ (rad/sec)": GYR, "accelerometer_$ (m/s/s)": ACC,
          "magnetic_$ (Gauss)": MAG},
-    ),
-    "announced": way(
-        {"Time [s]": T, "Gyr_$ [deg/s]": DEG * GYR, "Acc_$ [g]": PER_G * ACC,
-         "Mag_$ [uT]": 100 * MAG},
-        "sep=;\n", delimiter=";",
     ),
 }  # fmt: skip
