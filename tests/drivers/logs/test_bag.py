@@ -52,11 +52,9 @@ class Bag:
     def put(self, topic, kind, time_us, **fields):
         us = BEGIN_US + time_us
         moment = (us // 10**6, us % 10**6 * 1000)
-        if self.is_ros1:
-            stamp = self.types.types["builtin_interfaces/msg/Time"](*moment)
-            header = self.new("std_msgs/Header", 0, stamp, "base_link")
-        else:
-            header = self.new("std_msgs/Header", self.new("builtin_interfaces/Time", *moment), "b")
+        head = [0] if self.is_ros1 else []  # its number
+        head += [self.new("builtin_interfaces/Time", *moment), "base_link"]
+        header = self.new("std_msgs/Header", *head)
         message = self.new(kind, header, **fields)
         name = message.__msgtype__
         if topic not in self.connections:
