@@ -29,7 +29,11 @@ from tests.drivers.mavlink.messages import (
 
 def test_a_message_with_an_array_is_of_one_imu(monkeypatch):
     """pymavlink's own object, which such a message becomes, has the message's number as ``id``."""
-    hil = ImuMessage(115, "HIL_STATE_QUATERNION", TimeField.TIME_USEC, _rates_and_force)
+
+    def vectors(m):
+        return (m.rollspeed, m.pitchspeed, m.yawspeed), (m.xacc, m.yacc, 1e-2 * m.zacc), ZERO_VEC3
+
+    hil = ImuMessage(115, "HIL_STATE_QUATERNION", TimeField.TIME_USEC, vectors)
     monkeypatch.setitem(IMU_MESSAGES, hil.number, hil)
     message = m.MAVLink_hil_state_quaternion_message(
         S, (1, 0, 0, 0), 0.5, 0, 0, *(0,) * 8, 0, 0, -1000
@@ -37,11 +41,6 @@ def test_a_message_with_an_array_is_of_one_imu(monkeypatch):
     (imu,) = only(given.Imu, decode_all([message]))
     assert imu.message == "HIL_STATE_QUATERNION"
     assert imu.sample == ImuSample(S, (0.5, 0.0, 0.0), (0, 0, -10.0), ZERO_VEC3, False)
-
-
-def _rates_and_force(fields):
-    rates = (fields.rollspeed, fields.pitchspeed, fields.yawspeed)
-    return rates, (fields.xacc, fields.yacc, 1e-2 * fields.zacc), ZERO_VEC3
 
 
 ONE = VEHICLE, UNIX

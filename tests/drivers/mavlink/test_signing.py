@@ -12,15 +12,14 @@ from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.signing import AHEAD_TICKS, SigningCheck, state_path
 from estimator.errors import InputError
+from tests.drivers.mavlink.messages import VEHICLE, S, only
 
-S = 1_000_000
 NOW = 1_700_000_000 * S
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
-ONE = VehicleId(1, 1)
 TOO_OLD = "signature_too_old"
 
 
-def signed(now_us=NOW, key=KEY, vehicle=ONE, link=0):
+def signed(now_us=NOW, key=KEY, vehicle=VEHICLE, link=0):
     (frame,) = FrameReader().feed(FrameEncoder(vehicle, key, link).frame(heartbeat(2, 3), now_us))
     return frame
 
@@ -255,8 +254,7 @@ def test_the_state_is_in_the_folder_of_xdg_or_at_home(monkeypatch, tmp_path):
 
 
 def refused(gate):
-    events = [event for event in gate.take_refused(NOW) if isinstance(event, RefusedFrames)]
-    return [(event.vehicle, event.reason, event.frames) for event in events]
+    return [(e.vehicle, e.reason, e.frames) for e in only(RefusedFrames, gate.take_refused(NOW))]
 
 
 def test_only_allowed_systems_are_let_in():
@@ -273,7 +271,7 @@ def test_a_refused_signature_is_reported_once(file):
     texts = []
     for _ in range(3):
         assert not gate.lets_in(signed(key=None), "a", NOW)
-        texts += [e.text for e in gate.take_refused(NOW) if isinstance(e, Notice)]
+        texts += [event.text for event in only(Notice, gate.take_refused(NOW))]
     assert texts == ["system 1: frames without a signature are refused"]
 
 
@@ -291,7 +289,7 @@ def test_of_two_senders_with_one_address_one_is_used(frames):
     for peer, at_ms, is_let_in in frames:
         assert gate.lets_in(signed(), peer, NOW + at_ms * 1000) == is_let_in
         conflicts += not is_let_in
-    assert refused(gate) == ([(ONE, "address_conflict", conflicts)] if conflicts else [])
+    assert refused(gate) == ([(VEHICLE, "address_conflict", conflicts)] if conflicts else [])
 
 
 def test_a_sender_that_has_left_frees_its_addresses_at_once():
@@ -324,8 +322,8 @@ def test_many_streams_are_kept_as_one_floor_and_none_can_be_replayed(file, monke
         check.close()
         check = SigningCheck(KEY, file)
     later_us = now_us + 3 * S  # a newcomer waits until the floor is past
-    assert judge(check, signed(now_us + S, vehicle=ONE), later_us) == "replayed"
-    assert judge(check, signed(later_us, vehicle=ONE), later_us) is None
+    assert judge(check, signed(now_us + S, vehicle=VEHICLE), later_us) == "replayed"
+    assert judge(check, signed(later_us, vehicle=VEHICLE), later_us) is None
     assert judge(check, signed(NOW + 67 * S, vehicle=slow), later_us) is None
 
 
@@ -340,5 +338,5 @@ def test_a_floor_of_before_a_crash_never_falls(file, monkeypatch):
     check, now_us = SigningCheck(KEY, file), NOW + 25 * S
     for number in range(10, 16):
         assert judge(check, signed(now_us, vehicle=VehicleId(number, 1)), now_us) is None
-    assert ONE not in {VehicleId(*stream[:2]) for stream in check._last}
+    assert VEHICLE not in {VehicleId(*stream[:2]) for stream in check._last}
     assert judge(check, last, now_us) == "replayed"
