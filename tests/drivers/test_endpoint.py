@@ -12,17 +12,14 @@ from estimator.errors import InputError
     ("text", "expected"),
     [
         ("sim:", Endpoint("sim")),
-        ("sim://", Endpoint("sim")),
         ("sim:flight", Endpoint("sim", path="flight")),
         ("udpin:0.0.0.0:14550", Endpoint("udpin", "0.0.0.0", 14550)),
-        ("udpin://0.0.0.0:14550", Endpoint("udpin", "0.0.0.0", 14550)),
         ("udpin:14550", Endpoint("udpin", "127.0.0.1", 14550)),
         ("udpin::14550", Endpoint("udpin", "127.0.0.1", 14550)),
         ("udp://:14540", Endpoint("udpin", "127.0.0.1", 14540)),
         ("udp:10.0.0.1:14550", Endpoint("udpin", "10.0.0.1", 14550)),
         ("UDPIN:localhost:1", Endpoint("udpin", "localhost", 1)),
         ("udpout:vehicle.local:14550", Endpoint("udpout", "vehicle.local", 14550)),
-        ("udpout://192.168.1.7:14550", Endpoint("udpout", "192.168.1.7", 14550)),
         ("tcp:127.0.0.1:5760", Endpoint("tcp", "127.0.0.1", 5760)),
         ("tcpout://127.0.0.1:5760", Endpoint("tcp", "127.0.0.1", 5760)),
         ("tcpin:[::1]:5760", Endpoint("tcpin", "::1", 5760)),
@@ -33,7 +30,6 @@ from estimator.errors import InputError
         ("/dev/serial/by-id/usb-a:b:9600", Endpoint("serial", path="/dev/serial/by-id/usb-a:b",
                                                     baud=9600)),
         ("COM3:57600", Endpoint("serial", path="COM3", baud=57600)),
-        ("serial://COM3:57600", Endpoint("serial", path="COM3", baud=57600)),
     ],
 )  # fmt: skip
 def test_spellings(text, expected):
