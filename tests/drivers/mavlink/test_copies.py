@@ -235,9 +235,13 @@ def test_a_bad_link_of_one_sender_is_none(kind, share):
 
 
 def test_nor_are_two_ways_of_which_one_is_slower():
-    one = Sender(0)
+    """Of frames from before a look begins it sees only the slower way's copies."""
+    one, gate = Sender(0), FrameGate(Policy())
     samples = [one.sample(20_000 * k) for k in range(1000)]
     assert reported([a + b for a, b in zip(samples[7:], samples, strict=False)]) == []
+    assert reported([[], *samples[:20]], gate=gate) == []
+    pairs = [a + b for a, b in zip(samples[20:200], samples, strict=False)]
+    assert reported(pairs, gate=gate, begin_us=S + EVERY_US) == []
 
 
 def test_one_that_comes_later_is_reported_at_the_next_look():
@@ -246,12 +250,3 @@ def test_one_that_comes_later_is_reported_at_the_next_look():
     assert reported(alone, gate=gate) == []
     after = [s.sample(20_000 * k) for k in range(1500) for s in (one, other)]
     assert len(reported(after, 10_000, gate, S + EVERY_US // 2)) == 1  # within two stretches
-
-
-def test_nor_are_they_where_a_look_begins_among_what_is_late():
-    """Of frames that came before it only the slower way's copies are seen."""
-    one, gate = Sender(0), FrameGate(Policy())
-    samples = [one.sample(20_000 * k) for k in range(200)]
-    assert reported([[], *samples[:20]], gate=gate) == []
-    pairs = [a + b for a, b in zip(samples[20:], samples, strict=False)]
-    assert reported(pairs, gate=gate, begin_us=S + EVERY_US) == []
