@@ -23,7 +23,7 @@ from tests.drivers.logs.writers import (
     malformed,
     noisy,
 )
-from tests.drivers.mavlink.messages import ARDUPILOT, PX4, UNIX, S, frame, heartbeat, m, raw_imu
+from tests.drivers.mavlink.messages import ARDUPILOT, PX4, S, heartbeat, m, raw_imu
 from tests.programs import run_python
 
 
@@ -45,15 +45,14 @@ def test_each_record_between_damaged_stretches_is_found(tmp_path):
     """On-board logs' records count if another follows."""
     log, flight = DataflashWriter(), UlogWriter().sensors()
     log.format("IMU", "Qffffff", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
-    stamp = UNIX.to_bytes(8, "big")
-    data = stamp + frame(heartbeat())
+    data = test_tlog.record(0, heartbeat())
     for k in range(40):
         garbage, time_us = bytes(k % 2 * (1 + k % 12)), S + 20_000 * k
         reading = (0.001 * k, 0.0, 0.0), (0.0, 0.0, -9.8)
         log.write("IMU", time_us, *reading[0], *reading[1])
         log.data += garbage
         flight.sample(time_us, *reading).data += garbage
-        data += stamp + frame(raw_imu(time_us, gyr=(k, 0, 0))) + garbage
+        data += test_tlog.record(0, raw_imu(time_us, gyr=(k, 0, 0))) + garbage
     (tmp_path / "log.tlog").write_bytes(data)
     paths = {log.save(tmp_path): 20, flight.save(tmp_path): 20, tmp_path / "log.tlog": 40}
     for path, samples in paths.items():
@@ -180,7 +179,7 @@ def attitudes_log(folder, autopilot, *more):
     for k, message in enumerate([heartbeat(autopilot), ATTITUDE, *more] * 20):
         if "time_boot_ms" in message.fieldnames:
             message.time_boot_ms = 1000 + 100 * k
-        data += (UNIX + k * S // 10).to_bytes(8, "big") + frame(message)
+        data += test_tlog.record(k * S // 10, message)
     path = folder / "attitudes.tlog"
     path.write_bytes(data)
     return path

@@ -77,13 +77,6 @@ class UlogWriter:
         self.topic(7, "sensor_combined", "float[3] gyro_rad;float[3] accelerometer_m_s2")
         return self.topic(8, "vehicle_magnetometer", "float[3] magnetometer_ga")
 
-    def truth(self):
-        """The format and the subscription of the true attitude."""
-        return self.topic(9, "vehicle_attitude_groundtruth", "float[4] q")
-
-    def attitude(self, time_us, q):
-        return self.row(9, "4f", time_us, *q)
-
     def sample(self, time_us, gyr, acc):
         return self.row(7, "6f", time_us, *gyr, *acc)
 
@@ -135,11 +128,11 @@ def dataflash(samples, folder):
 
 
 def ulog(samples, folder):
-    log = UlogWriter().sensors().truth()
+    log = UlogWriter().sensors().topic(9, "vehicle_attitude_groundtruth", "float[4] q")
     for sample in samples:
         log.mag(sample.time_us, sample.mag_gauss)
         log.sample(sample.time_us, sample.gyr_rad_s, sample.acc_m_s2)
-        log.attitude(sample.time_us, sample.q_ned_frd)
+        log.row(9, "4f", sample.time_us, *sample.q_ned_frd)
     return log.save(folder)
 
 
