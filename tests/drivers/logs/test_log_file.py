@@ -61,14 +61,11 @@ def test_each_record_between_damaged_stretches_is_found(tmp_path):
         assert malformed(events) in (19, 20)
 
 
-class Failing(io.RawIOBase):
+class Failing(io.BytesIO):
     """A file of which a part can be read before the disk fails."""
 
-    def __init__(self, content):
-        self._content = content
-
     def read(self, size=-1):
-        part, self._content = self._content[:size], self._content[size:]
+        part = super().read(size)
         if not part:
             raise OSError(errno.EIO, "Input/output error")
         return part
