@@ -16,14 +16,14 @@ from tests.drivers.mavlink.messages import UNIX, VEHICLE, S, only
 BOOT_US = 500 * S
 
 
-def flight(seconds, boot_us=BOOT_US, seed=1, hz=50):
+def flight(seconds, boot_us=BOOT_US, seed=1):
     """What a vehicle sends: time in us, and bytes."""
     encoder, rng = FrameEncoder(VEHICLE), random.Random(seed)
-    for number in range(int(seconds * hz)):
-        at_us = number * S // hz
+    for number in range(int(seconds * 50)):
+        at_us = 20_000 * number
         force = (rng.gauss(0.0, 0.1), rng.gauss(0.0, 0.1), -9.8)
         data = encoder.frame(raw_imu(boot_us + at_us, force, (0.0, 0.0, 0.1), (0.2, 0.0, 0.4)), 0)
-        if number % hz == 0:
+        if number % 50 == 0:
             data += encoder.frame(heartbeat(2, 3), 0)
         yield at_us, data
 

@@ -14,14 +14,13 @@ from estimator.reasons import Reason
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3
 from tests.drivers.mavlink.messages import UNIX, VEHICLE, S, only
 
-BOOT_MS, GPS = TimeField.BOOT_MS, TimeField.GPS
 REST = (0.0, 0.0, -STANDARD_GRAVITY_M_S2)
 FIELD = (0.2, 0.0, 0.4)
 PLACE = (47.0, 8.5, 500.0)
 
 
-def stamp(raw_us, arrival_us=None, clock=BOOT_MS):
-    return Stamp(clock, raw_us, UNIX + raw_us if arrival_us is None else arrival_us)
+def stamp(raw_us, arrival_us=None):
+    return Stamp(TimeField.BOOT_MS, raw_us, UNIX + raw_us if arrival_us is None else arrival_us)
 
 
 def imu(intake, raw_us, arrival_us=None, gyr=ZERO_VEC3, acc=REST, mag=FIELD, name="SCALED_IMU"):
@@ -32,12 +31,12 @@ def kinds(events):
     return [type(event) for event in events]
 
 
-def running(first_us=300 * S, count=5):
+def running():
     """An intake after some IMU messages on the boot clock, and the arrival of the next."""
-    intake = Intake(VEHICLE)
-    for k in range(count):
-        imu(intake, first_us + 250_000 * k)
-    return intake, UNIX + first_us + 250_000 * count
+    intake, next_us = Intake(VEHICLE), 301 * S + 250_000
+    for raw_us in range(300 * S, next_us, 250_000):
+        imu(intake, raw_us)
+    return intake, UNIX + next_us
 
 
 def test_the_first_reading_of_a_new_boot_waits_and_is_not_lost():
