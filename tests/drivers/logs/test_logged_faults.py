@@ -86,12 +86,7 @@ FAULTS = {
     ),
     "zero": (put(5, acc_m_s2=ZERO), {"zero_accelerometer"}),
     "spikes": (every(30, spiking), {"gyroscope_spike"}),
-    # what stands for no field; and a field in another unit
     "sentinels": (put(2, mag_gauss=SENTINEL), {"magnetometer_out_of_range"}),
-    "another unit": (
-        every(3, lambda _, s: s._replace(mag_gauss=tuple(20.0 * x for x in s.mag_gauss))),
-        {"magnetometer_out_of_range"},
-    ),
     "duplicated": (lambda samples: [s for s in samples for _ in range(2)], {"duplicate"}),
 }
 
