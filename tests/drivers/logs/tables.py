@@ -102,7 +102,6 @@ NAMELESS = toml(
     magnetometer={"columns": [6, 7, 8], "unit": "mG"},
     gyroscope={"columns": [9, 10, 11], "unit": "rad/s"},
 )
-OF_TWO = toml(gyroscope=xyz("imu0_gyr_$_rad_s"), accelerometer=xyz("imu0_acc_$_m_s2"))
 
 
 def late_field():
@@ -127,7 +126,6 @@ OF_A_TOPIC = toml(
     magnetometer=xyz("field.magnetic_field.$", unit="gauss"),
 )
 UNITS = {"gyroscope": {"unit": "rad/s"}, "accelerometer": {"unit": "m/s^2"}}
-OF_AN_AUTOPILOT = toml(**UNITS, magnetometer={"unit": "mG"})
 OF_A_SUIT = toml(
     time={"columns": ["SampleTimeFine"], "unit": "s", "scale": 1e-4},
     **UNITS,
@@ -195,7 +193,7 @@ WAYS = {
     "of an autopilot": way(  # the time's unit is in its name, the others are described
         {"timestamp": 1.7e9 + T, "TimeUS": 1e6 * T, "I": ZERO, "Gyr#": GYR, "Acc#": ACC,
          "Mag#": 1e3 * MAG},
-        about=OF_AN_AUTOPILOT,
+        about=toml(**UNITS, magnetometer={"unit": "mG"}),
     ),
     "of a black box": way(  # what was done to the readings stands between sensor and axis
         {"loopIteration": NUMBER, "time (us)": 1e6 * T, "gyroADC[~] (deg/s)": DEG * GYR,
@@ -239,7 +237,7 @@ WAYS = {
     "of two": way(  # two IMUs in one row; the names that are given have the units
         {"time_s": T, "imu0_gyr_$_rad_s": GYR, "imu0_acc_$_m_s2": ACC, "imu1_gyr_$_rad_s": GYR + 1,
          "imu1_acc_$_m_s2": ACC + 1, "mag_$_gauss": MAG},
-        about=OF_TWO,
+        about=toml(gyroscope=xyz("imu0_gyr_$_rad_s"), accelerometer=xyz("imu0_acc_$_m_s2")),
     ),
     "late field": (late_field, "utf-8", None),
     "minutes": way({"Elapsed time (min)": T / 60, **PLAIN}),

@@ -16,9 +16,7 @@ from tests.drivers.logs.writers import (
     ALL_WRITERS,
     LAST_S,
     RATE_HZ,
-    START_US,
     WRITERS,
-    S,
     flight,
     gaps_s,
     imu_times,
@@ -27,6 +25,7 @@ from tests.drivers.logs.writers import (
     reasons,
     tlog,
 )
+from tests.drivers.mavlink.messages import UNIX, S
 
 BEGIN_S, END_S = 8.0, 12.0
 HOLDS_DEG = 5.0
@@ -153,7 +152,7 @@ def test_a_vehicle_that_boots_again_loses_nothing(kind, is_still, first_s, keep,
         for k, (time_s, s) in enumerate(flight())
         if k % keep == 0
     ]
-    options = [lambda k: START_US + round(k * keep * S / RATE_HZ)] if kind == "tlog" else []
+    options = [lambda k: UNIX + round(k * keep * S / RATE_HZ)] if kind == "tlog" else []
     resets, times_us, refused = read(WRITERS[kind](samples, tmp_path, *options))
     assert [reset.reason for reset in resets] == ["reboot"]
     assert (len(times_us), refused) == (len(samples), {})
@@ -219,7 +218,7 @@ def test_a_clock_that_is_set_back_a_little_costs_nothing(back_s, keep, tmp_path)
     """By two samples and more: less may as well be a late one."""
     samples = shifted(lambda time_s: 100 - back_s * (time_s >= BEGIN_S), keep)
     period_s = keep / RATE_HZ
-    path = tlog(samples, tmp_path, lambda k: START_US + round(k * S * period_s))
+    path = tlog(samples, tmp_path, lambda k: UNIX + round(k * S * period_s))
     resets, times_us, _ = read(path)
     assert len(resets) == (back_s >= 2.0 * period_s)
     if resets:
@@ -237,7 +236,7 @@ def test_rows_that_come_late_are_not_taken_for_a_clock_that_was_set_back(late_ro
 
     def arrival_us(k):
         is_late, row = 520 <= k < late_end, k + late_rows if 500 <= k < 520 else k
-        return START_US + round((520 if is_late else row) * S / RATE_HZ) + 100 * (k - 520) * is_late
+        return UNIX + round((520 if is_late else row) * S / RATE_HZ) + 100 * (k - 520) * is_late
 
     resets, _, refused = read(tlog(moved, tmp_path, arrival_us))
     assert (resets, refused) == ([], {"out_of_order": late_rows})
@@ -250,7 +249,7 @@ def test_late_copies_where_originals_are_lost_are_no_clock_that_was_set_back(los
     came = [(k / RATE_HZ, s) for k, s in enumerate(samples) if k < 300 or k % 50 >= lost]
     came += [(k / RATE_HZ + 0.15, s) for k, s in enumerate(samples)]
     came.sort(key=lambda each: each[0])
-    path = tlog([s for _, s in came], tmp_path, lambda k: START_US + round(S * came[k][0]))
+    path = tlog([s for _, s in came], tmp_path, lambda k: UNIX + round(S * came[k][0]))
     resets, times_us, _ = read(path)
     assert not resets
     assert len(times_us) >= len(came) - len(samples)

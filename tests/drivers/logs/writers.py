@@ -11,13 +11,11 @@ from pymavlink.DFReader import FORMAT_TO_STRUCT
 
 from drivers.events import Imu, Malformed, Rejected
 from drivers.logs.open import ULOG_MAGIC
-from drivers.mavlink.constants import mavlink
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
+from tests.drivers.mavlink.messages import UNIX, S, m
 
 DATA = Path(__file__).parents[2] / "data"
-S = 1_000_000
 RATE_HZ, LAST_S = 50.0, 24.0
-START_US = 1_700_000_000 * S
 
 
 def flight():
@@ -97,9 +95,8 @@ class UlogWriter:
         return path
 
 
-def tlog(samples, folder, arrival_us=lambda k: START_US + round((k + 1) * S / RATE_HZ), lost=None):
+def tlog(samples, folder, arrival_us=lambda k: UNIX + round((k + 1) * S / RATE_HZ), lost=None):
     """HIGHRES_IMU and the truth; ``lost``: before which sample frames are missing, how many."""
-    m = mavlink()
     data, link = b"", m.MAVLink(None, srcSystem=1, srcComponent=1)
     for k, sample in enumerate(samples):
         vectors = (*sample.acc_m_s2, *sample.gyr_rad_s, *sample.mag_gauss)
