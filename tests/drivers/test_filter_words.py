@@ -4,37 +4,29 @@ import math
 
 import pytest
 
-from drivers.events import ClockReset, Imu, Position, Velocity
+from drivers.events import Imu, Position, Velocity
 from drivers.logs.open import open_log
-from drivers.mavlink.constants import mavlink
-from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.framing import FrameReader
 from drivers.samples.navigation import MOST_INFLATION, STATUS_HOLDS_US
 from tests.drivers.logs.writers import DataflashWriter, UlogWriter
+from tests.drivers.mavlink.messages import S, decode_all, m, only, raw_imu
 
-S = 1_000_000
-UNIX_US = 1_700_000_000 * S
 FLYING = 0x33F  # ArduPilot with satellites
 STANDING = 0xA7  # const_pos_mode, although with a velocity
 WITHOUT = 0x3A5  # const_pos_mode and no velocity
 CANBERRA, NEAR_NOWHERE = (-353632610, 1491652299), (2081, -732)  # ArduPlane's before its first fix
-m = mavlink()
 
 
-def decoded(*messages, reboot_at=None):
+def decoded(*messages):
     """The events of messages a tenth of a second apart, an IMU's with each."""
-    decoder, reader, events = MavlinkDecoder(), FrameReader(), []
-    link = m.MAVLink(None, srcSystem=1, srcComponent=1)
+    sent = []
     for k, message in enumerate(messages):
-        boot_ms = 100_000 + 100 * k if reboot_at is None or k < reboot_at else 100 * k
-        imu = m.MAVLink_raw_imu_message(1000 * boot_ms, 0, 0, -1000, 0, 0, k, 200, 0, 400)
+        boot_ms = 100_000 + 100 * k
         if "time_boot_ms" in message.fieldnames:
             message.time_boot_ms = boot_ms
         if message.get_type() == "GPS_RAW_INT":
             message.time_usec = 1000 * boot_ms
-        for each in (imu, message):
-            for frame in reader.feed(bytes(each.pack(link))):
-                events += decoder.events(frame, UNIX_US + k * S // 10)
+        sent += [raw_imu(1000 * boot_ms, gyr=(0, 0, k)), message]
+    events = decode_all(sent, interval_us=S // 20)
     return [event for event in events if not isinstance(event, Imu)]
 
 
@@ -97,6 +89,7 @@ def test_a_place_is_used_where_the_filter_or_the_receiver_has_one(flags, fix, pl
     status = [] if flags is None else [ardupilot(flags)]
     events = decoded(*status, *([] if fix is None else [receiver(fix)]), position(*place))
     assert ("GLOBAL_POSITION_INT" in names(events, Position)) is is_used
+    assert ("GPS_RAW_INT" in names(events, Velocity)) is (fix in (3, 6))  # whatever the filter has
 
 
 @pytest.mark.parametrize("status", [ardupilot, px4])
@@ -114,31 +107,14 @@ def test_a_place_is_used_where_the_filter_or_the_receiver_has_one(flags, fix, pl
 )
 def test_a_filters_velocity_is_taken_as_far_as_its_own_tests_allow(status, flags, ratio, sigma_m_s):
     events = decoded(status(flags, ratio), position(), local())
-    sigmas = [e.sample.sigma_m_s for e in events if isinstance(e, Velocity)]
+    sigmas = [e.sample.sigma_m_s for e in only(Velocity, events)]
     assert sigmas == pytest.approx([sigma_m_s] * 2 if sigma_m_s else [])
 
 
 def test_a_status_holds_for_a_while():
     later = [local() for _ in range(10 * STATUS_HOLDS_US // S + 1)]
-    (event,) = decoded(ardupilot(STANDING), *later)[1:]
-    assert event.arrival_us - UNIX_US == STATUS_HOLDS_US + S // 10
-
-
-def test_the_receiver_goes_on_while_the_filter_stands():
-    events = decoded(ardupilot(STANDING), receiver(3), position(), local())
-    assert names(events, Velocity) == ["GPS_RAW_INT"]
-
-
-def test_a_reboot_takes_the_words_back():
-    """Before the reboot a filter that knows its place vouches for one near (0, 0)."""
-    flight = [ardupilot(FLYING), *(position(2081, -732) for _ in range(8)), position()]
-    assert len(names(decoded(*flight), Position)) == 9
-    rebooted = decoded(*flight, reboot_at=3)
-    assert [e.reason for e in rebooted if isinstance(e, ClockReset)] == ["reboot"]
-    places = [e for e in rebooted if isinstance(e, Position)]
-    near = [e for e in places if abs(e.latitude_deg) < 1.0]
-    assert len(near) <= 3  # one more until a second message has confirmed the reboot
-    assert len(places) == len(near) + 1  # the last, which is plausible
+    status, event = decoded(ardupilot(STANDING), *later)
+    assert event.arrival_us - status.arrival_us == STATUS_HOLDS_US + S // 10
 
 
 def dataflash(folder, flags, ratio=0.1):
@@ -182,5 +158,4 @@ def ulog(folder, flags, *, ratio=0.1, dead_reckoning=False, primary=0, changes=F
 )
 def test_on_board_logs(write, flags, reported, sigmas, tmp_path):
     events = list(open_log(write(tmp_path, flags, **reported)))
-    found = [e.sample.sigma_m_s for e in events if isinstance(e, Velocity)]
-    assert found == pytest.approx(sigmas)
+    assert [e.sample.sigma_m_s for e in only(Velocity, events)] == pytest.approx(sigmas)

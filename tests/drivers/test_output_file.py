@@ -12,9 +12,9 @@ from estimator.errors import InputError
 needs_root = pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="needs root")
 
 
-def linked(tmp_path, content=b""):
+def linked(tmp_path):
     target, link = tmp_path / "target", tmp_path / "link"
-    target.write_bytes(content)
+    target.touch()
     link.symlink_to(target)
     return target, link
 
@@ -45,6 +45,7 @@ def test_somebody_elses_is_not(tmp_path, write):
 def test_what_is_not_written_to_its_end_leaves_what_was_there(tmp_path):
     """Nothing, or the file of before with its rights."""
     file = tmp_path / "a.csv"
+    os.umask(umask := os.umask(0))
     for before in ([], [file]):
         for error in (OSError, KeyboardInterrupt):
             with pytest.raises(error):
@@ -53,7 +54,7 @@ def test_what_is_not_written_to_its_end_leaves_what_was_there(tmp_path):
         with written_whole(file) as fresh:
             fresh.write_bytes(b"whole")
         assert file.read_bytes() == b"whole"
-        assert file.stat().st_mode & 0o777 == (0o600 if before else 0o666 & ~umask())
+        assert file.stat().st_mode & 0o777 == (0o600 if before else 0o666 & ~umask)
         file.chmod(0o600)
 
 
@@ -61,11 +62,6 @@ def write_half(file, error):
     with written_whole(file) as fresh:
         fresh.write_bytes(b"half")
         raise error
-
-
-def umask():
-    os.umask(mask := os.umask(0))
-    return mask
 
 
 def test_a_device_is_written_to_itself():

@@ -1,27 +1,20 @@
+from types import SimpleNamespace
+
 import pytest
 
 from drivers.events import Malformed
 from drivers.player import MAX_GAP_US, Player
 
 
-class Clock:
-    """Time that passes only when somebody sleeps."""
-
-    def __init__(self):
-        self.now_s = 100.0
-
-    def monotonic_s(self):
-        return self.now_s
-
-    def sleep(self, seconds):
-        self.now_s += seconds
-
-
 def player_of(stamps_us, speed):
-    """Plays events with these stamps by a clock of its own."""
-    clock = Clock()
+    """Plays events with these stamps by a clock that passes only when somebody sleeps."""
+    clock = SimpleNamespace(now_s=100.0)
+
+    def sleep(seconds):
+        clock.now_s += seconds
+
     events = [Malformed(stamp, 1) for stamp in stamps_us]
-    return Player(events, speed, clock.monotonic_s, clock.sleep), clock
+    return Player(events, speed, lambda: clock.now_s, sleep), clock
 
 
 def played(stamps_us, speed=1.0):

@@ -102,7 +102,6 @@ NAMELESS = toml(
     magnetometer={"columns": [6, 7, 8], "unit": "mG"},
     gyroscope={"columns": [9, 10, 11], "unit": "rad/s"},
 )
-OF_TWO = toml(gyroscope=xyz("imu0_gyr_$_rad_s"), accelerometer=xyz("imu0_acc_$_m_s2"))
 
 
 def late_field():
@@ -127,7 +126,6 @@ OF_A_TOPIC = toml(
     magnetometer=xyz("field.magnetic_field.$", unit="gauss"),
 )
 UNITS = {"gyroscope": {"unit": "rad/s"}, "accelerometer": {"unit": "m/s^2"}}
-OF_AN_AUTOPILOT = toml(**UNITS, magnetometer={"unit": "mG"})
 OF_A_SUIT = toml(
     time={"columns": ["SampleTimeFine"], "unit": "s", "scale": 1e-4},
     **UNITS,
@@ -195,7 +193,7 @@ WAYS = {
     "of an autopilot": way(  # the time's unit is in its name, the others are described
         {"timestamp": 1.7e9 + T, "TimeUS": 1e6 * T, "I": ZERO, "Gyr#": GYR, "Acc#": ACC,
          "Mag#": 1e3 * MAG},
-        about=OF_AN_AUTOPILOT,
+        about=toml(**UNITS, magnetometer={"unit": "mG"}),
     ),
     "of a black box": way(  # what was done to the readings stands between sensor and axis
         {"loopIteration": NUMBER, "time (us)": 1e6 * T, "gyroADC[~] (deg/s)": DEG * GYR,
@@ -231,10 +229,6 @@ WAYS = {
          "hx": ZERO},
         "StartTime: 2024-01-01 12:00:00\n", delimiter="\t",
     ),
-    "numbered": way(
-        {"t_us": 1e6 * T, "gyro[~] (rad/s)": GYR, "accel[~] (m/s^2)": ACC, "mag[~] (Ga)": MAG},
-        delimiter="|",
-    ),
     "of the first of two": way(
         {"time_s": T, "IMU1.gyro.$ (rad/s)": GYR, "IMU1.accel.$ (m/s^2)": ACC,
          "IMU1.mag.$ (Ga)": MAG},
@@ -243,7 +237,7 @@ WAYS = {
     "of two": way(  # two IMUs in one row; the names that are given have the units
         {"time_s": T, "imu0_gyr_$_rad_s": GYR, "imu0_acc_$_m_s2": ACC, "imu1_gyr_$_rad_s": GYR + 1,
          "imu1_acc_$_m_s2": ACC + 1, "mag_$_gauss": MAG},
-        about=OF_TWO,
+        about=toml(gyroscope=xyz("imu0_gyr_$_rad_s"), accelerometer=xyz("imu0_acc_$_m_s2")),
     ),
     "late field": (late_field, "utf-8", None),
     "minutes": way({"Elapsed time (min)": T / 60, **PLAIN}),
@@ -259,8 +253,6 @@ WAYS = {
     "phone in full": way(PHONE, "# ", 'axes = ["y", "x", "-z"]', delimiter="  "),
     "dates": way({"Zeit": DATES, **EUROC}),
     "dates, called otherwise": way({"Zeitstempel": DATES, **EUROC}),
-    # two times: the one with a unit counts, though it stands last
-    "since start": way({"time": 1.7e18 + 1e9 * T, **PLAIN, "Time since start in ms": 1e3 * T}),
     "elapsed": way(
         {"time": 1.7e18 + 1e9 * T, "seconds_elapsed": T, "rotationRate_$_rad_s": GYR,
          "acc_$_m_s2": ACC, "mag_$_gauss": MAG},
@@ -275,13 +267,6 @@ WAYS = {
         delimiter=";", comma=",", form=",.12f",
     ),
     "nameless": (nameless, "utf-8", NAMELESS),
-    "exponents": way(
-        {"time_s": T, "w$_rad_s": GYR, "a$_m_s2": ACC, "m$_gauss": MAG}, delimiter="   "
-    ),
-    "greek": way(
-        {"time [s]": T, "ω_$ [rad·s⁻¹]": GYR, "a_$ [m·s⁻²]": ACC, "B_$ [µT]": 100 * MAG},
-        delimiter="\t",
-    ),
     "spanish": way(
         {"time (s)": T, "Gyro $ (º/s)": DEG * GYR, "Acc $ (m/s²)": ACC, "Mag $ (gauss)": MAG},
         delimiter=";", comma=",",
@@ -294,10 +279,6 @@ WAYS = {
         {"t / s": T, "ω_$ / (rad/s)": GYR, "a_$ / (m/s²)": ACC, "B_$ / µT": 100 * MAG},
         delimiter=";", comma=",",
     ),
-    "widely spaced": way(
-        {" Time (s) ": T, " Gyro-$ (rad.s-1) ": GYR, " Acc-$ (m.s-2) ": ACC, " Mag-$ (G) ": MAG},
-        delimiter=" ; ",
-    ),
     "of circuits": way(
         {"Time [us]": 1e6 * T, "LSM6DSO Gyro $ [mdps]": 1e3 * DEG * GYR,
          "LSM6DSO Acc $ [mg]": 1e3 * PER_G * ACC, "LIS2MDL Mag $ [mGauss]": 1e3 * MAG},
@@ -309,10 +290,5 @@ WAYS = {
     "in half words": way(
         {"% time(s)": T, "ang_vel_$ (rad/sec)": GYR, "accelerometer_$ (m/s/s)": ACC,
          "magnetic_$ (Gauss)": MAG},
-    ),
-    "announced": way(
-        {"Time [s]": T, "Gyr_$ [deg/s]": DEG * GYR, "Acc_$ [g]": PER_G * ACC,
-         "Mag_$ [uT]": 100 * MAG},
-        "sep=;\n", delimiter=";",
     ),
 }  # fmt: skip

@@ -1,12 +1,11 @@
 import numpy as np
 import pytest
 
-from drivers.events import ReferenceAttitude, VehicleId
+from drivers.events import ReferenceAttitude
 from drivers.logs.reference_track import ReferenceTrack
 from estimator.geometry.quaternion import angle_between, exp
+from tests.drivers.mavlink.messages import VEHICLE, S
 
-VEHICLE = VehicleId(1, 1)
-S = 1_000_000
 GAP = [*range(0, 500_001, 50_000), *range(5 * S, 5_500_001, 50_000)]
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from drivers.events import ClockReset, Heartbeat, Imu, ReferenceAttitude, Rejected
 from drivers.logs.tlog import Tlog
-from drivers.mavlink.constants import mavlink
-from tests.drivers.logs.writers import DATA, S, gaps_s, imu_times, malformed, of
+from tests.drivers.logs.writers import DATA, gaps_s, imu_times, malformed, of
+from tests.drivers.mavlink.messages import UNIX, S, frame, heartbeat, m, raw_imu
 
 # RAW_IMU of (file, samples, median rate in Hz and worst gap in s on the vehicle's clock, worst
 # arrival gap in s, samples with a fresh field); all but the last counted with mavutil.mavlogfile
@@ -81,14 +81,14 @@ def test_it_can_be_read_twice_and_used_in_a_with_block():
 # --- damage
 
 
-def record(stamp_us, time_usec):
-    dialect = mavlink()
-    message = dialect.MAVLink_raw_imu_message(time_usec, 0, 0, -1000, 0, 0, 0, 1, 2, 3)
-    return stamp_us.to_bytes(8, "big") + bytes(message.pack(dialect.MAVLink(None, 1, 1)))
+def record(after_us, message):
+    return (UNIX + after_us).to_bytes(8, "big") + frame(message)
 
 
-def steady(count, stamp_us=1_700_000_000 * S, time_us=10 * S):
-    return [record(stamp_us + k * S // 4, time_us + k * S // 4) for k in range(count)]
+def steady(count):
+    """Records of RAW_IMU at 4 Hz."""
+    times_us = range(0, count * S // 4, S // 4)
+    return [record(us, raw_imu(10 * S + us, mag=(1, 2, 3))) for us in times_us]
 
 
 def read(tmp_path, data):
@@ -97,27 +97,14 @@ def read(tmp_path, data):
     return list(Tlog(path))
 
 
-def joined(change=lambda _: None):
-    """All records, one of which may be changed before."""
+def written(number, at, data):
+    """Other bytes at a place in one of the records."""
 
     def harm(records):
-        change(records)
+        records[number] = records[number][:at] + data + records[number][at + len(data) :]
         return b"".join(records)
 
     return harm
-
-
-def flip_a_bit(records):
-    records[7] = records[7][:20] + bytes([records[7][20] ^ 0x55]) + records[7][21:]
-
-
-def stamp(number, stamp_us):
-    """The year 382 000 was seen, and none at the start; the sample itself is good."""
-
-    def change(records):
-        records[number] = stamp_us.to_bytes(8, "big") + records[number][8:]
-
-    return joined(change)
 
 
 def with_garbage(records):
@@ -127,13 +114,14 @@ def with_garbage(records):
 
 HARMS = {
     "garbage": (with_garbage, 20, range(20, 400)),
-    "a flipped bit": (joined(flip_a_bit), 19, [1]),
+    "another byte": (written(7, 20, b"\x55"), 19, [1]),
     "cut": (lambda records: b"".join(records)[:-3], 19, [1]),
     **{
         f"begins at {k}": (lambda records, k=k: b"".join(records)[k:], 19, [1]) for k in (3, 11, 30)
     },
-    "from another age": (stamp(9, 12_000_000_000_000 * S), 20, [0]),
-    "no age": (stamp(0, 0), 20, [0]),
+    # stamps of the year 382 000 were seen, and none at the start; the samples themselves are good
+    "from another age": (written(9, 0, (12 * 10**12 * S).to_bytes(8, "big")), 20, [0]),
+    "no age": (written(0, 0, bytes(8)), 20, [0]),
 }
 
 
@@ -167,12 +155,9 @@ YEAR_US = 365 * 86_400 * S
 def test_stamps_of_pauses_and_sessions_are_used_and_garbled_ones_are_not(
     tmp_path, stamps_us, used_us
 ):
-    dialect, begin_us, data = mavlink(), 1_700_000_000 * S, b""
-    for k, us in enumerate(stamps_us):
-        beat = dialect.MAVLink_heartbeat_message(2, 3, 0, k, 0, 3)
-        data += (begin_us + us).to_bytes(8, "big") + bytes(beat.pack(dialect.MAVLink(None, 1, 1)))
+    data = b"".join(record(us, heartbeat()) for us in stamps_us)
     beats = of(Heartbeat, read(tmp_path, data))
-    assert [event.arrival_us - begin_us for event in beats] == list(used_us)
+    assert [event.arrival_us - UNIX for event in beats] == list(used_us)
 
 
 @pytest.mark.parametrize("name", ["sub_bad_data.tlog", "copter_reboot.tlog"])
@@ -184,10 +169,9 @@ def test_unreadable_frames_are_counted_whoever_wants_them(name):
 def test_a_message_nobody_knows_is_passed_over_whole(tmp_path):
     """Its payload holds what looks like a frame; its record's length counts in the chain."""
     before, inside, after = steady(3)
-    dialect = mavlink()
     body = bytes((len(inside), 0, 0, 0, 1, 1)) + (0xFFFFFF).to_bytes(3, "little") + inside
     unknown = b"\xfd" + body + bytes(2)
-    assert 0xFFFFFF not in dialect.mavlink_map
+    assert 0xFFFFFF not in m.mavlink_map
     events = read(tmp_path, before + before[:8] + unknown + after)
     assert imu_times(events) == [10 * S, 10 * S + S // 2]
     assert not malformed(events)

@@ -11,7 +11,7 @@ from drivers import events as given
 from drivers.logs.open import ULOG_MAGIC, imu_events
 from drivers.logs.ulog import Ulog
 from estimator.errors import InputError
-from tests.drivers.logs.writers import DATA, UlogWriter, gaps_s, imu_times, malformed, of
+from tests.drivers.logs.writers import DATA, UlogWriter, gaps_s, imu_times, malformed, noisy, of
 
 IMU_TOPIC = "sensor_combined"
 HOVER = DATA / "px4_hover.ulg"
@@ -63,10 +63,6 @@ def test_readings_and_parameters_agree_with_pyulog(events):
     assert np.abs(attitudes - q / np.linalg.norm(q, axis=1)[:, None]).max() < 1e-9
 
 
-def noisy(rng, vector, sigma=0.01):
-    return [x + rng.gauss(0.0, sigma) for x in vector]
-
-
 GPS_COMMON = "uint8_t fix_type;float vel_n_m_s;float vel_e_m_s;float vel_d_m_s;float s_variance_m_s"
 GPS_ERAS = {
     "until 2023": ("int32_t lat;int32_t lon;int32_t alt", "3i", (473977420, 85455940, 488123)),
@@ -84,16 +80,13 @@ def test_the_receiver_s_place_and_velocity(tmp_path, fields, layout, place):
     for k in range(5):
         now_us = 1_000_000 + 200_000 * k
         log.sample(now_us, (0.001 * k, 0, 0), (0, 0, -9.8))
-        fix_type, sigma = (3, 0.25) if k else (2, 0.25)
-        sigma = 0.0 if k == 4 else sigma
-        log.row(10, "B4f" + layout, now_us + 1000, fix_type, 1.0, -2.0, 0.5, sigma, *place)
+        report = 3 if k else 2, 1.0, -2.0, 0.5, 0.0 if k == 4 else 0.25, *place
+        log.row(10, "B4f" + layout, now_us + 1000, *report)
     events = list(Ulog(log.save(tmp_path)))
     positions, velocities = of(given.Position, events), of(given.Velocity, events)
     assert len(positions) == len(velocities) == 4
-    assert (positions[0].latitude_deg, positions[0].longitude_deg) == pytest.approx(
-        (47.397742, 8.545594)
-    )
-    assert positions[0].altitude_m == pytest.approx(488.123)
+    found = positions[0].latitude_deg, positions[0].longitude_deg, positions[0].altitude_m
+    assert found == pytest.approx((47.397742, 8.545594, 488.123))
     sample = velocities[0].sample
     assert (sample.velocity_ned_m_s, sample.has_vertical) == ((1.0, -2.0, 0.5), True)
     assert [each.sample.sigma_m_s for each in velocities] == [0.25, 0.25, 0.25, 0.5]

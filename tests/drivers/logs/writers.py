@@ -11,13 +11,11 @@ from pymavlink.DFReader import FORMAT_TO_STRUCT
 
 from drivers.events import Imu, Malformed, Rejected
 from drivers.logs.open import ULOG_MAGIC
-from drivers.mavlink.constants import mavlink
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
+from tests.drivers.mavlink.messages import UNIX, S, m
 
 DATA = Path(__file__).parents[2] / "data"
-S = 1_000_000
 RATE_HZ, LAST_S = 50.0, 24.0
-START_US = 1_700_000_000 * S
 
 
 def flight():
@@ -74,30 +72,18 @@ class UlogWriter:
 
     def sensors(self):
         """The format and the subscription of sensor_combined and a magnetometer."""
-        fields = b"uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;"
-        self.write(b"F", b"sensor_combined:" + fields)
-        self.write(b"F", b"vehicle_magnetometer:uint64_t timestamp;float[3] magnetometer_ga;")
-        self.write(b"A", b"\0" + struct.pack("<H", 7) + b"sensor_combined")
-        return self.write(b"A", b"\0" + struct.pack("<H", 8) + b"vehicle_magnetometer")
-
-    def truth(self):
-        """The format and the subscription of the true attitude."""
-        self.write(b"F", b"vehicle_attitude_groundtruth:uint64_t timestamp;float[4] q;")
-        return self.write(b"A", b"\0" + struct.pack("<H", 9) + b"vehicle_attitude_groundtruth")
-
-    def attitude(self, time_us, q):
-        return self.write(b"D", struct.pack("<HQ4f", 9, time_us, *q))
+        self.topic(7, "sensor_combined", "float[3] gyro_rad;float[3] accelerometer_m_s2")
+        return self.topic(8, "vehicle_magnetometer", "float[3] magnetometer_ga")
 
     def sample(self, time_us, gyr, acc):
-        return self.write(b"D", struct.pack("<HQ6f", 7, time_us, *gyr, *acc))
+        return self.row(7, "6f", time_us, *gyr, *acc)
 
     def mag(self, time_us, gauss):
-        return self.write(b"D", struct.pack("<HQ3f", 8, time_us, *gauss))
+        return self.row(8, "3f", time_us, *gauss)
 
     def topic(self, number, name, fields):
         """The format and the subscription of any topic."""
-        text = f"{name}:uint64_t timestamp;{fields};"
-        self.write(b"F", text.encode())
+        self.write(b"F", f"{name}:uint64_t timestamp;{fields};".encode())
         return self.write(b"A", b"\0" + struct.pack("<H", number) + name.encode())
 
     def row(self, number, layout, time_us, *values):
@@ -109,9 +95,8 @@ class UlogWriter:
         return path
 
 
-def tlog(samples, folder, arrival_us=lambda k: START_US + round((k + 1) * S / RATE_HZ), lost=None):
+def tlog(samples, folder, arrival_us=lambda k: UNIX + round((k + 1) * S / RATE_HZ), lost=None):
     """HIGHRES_IMU and the truth; ``lost``: before which sample frames are missing, how many."""
-    m = mavlink()
     data, link = b"", m.MAVLink(None, srcSystem=1, srcComponent=1)
     for k, sample in enumerate(samples):
         vectors = (*sample.acc_m_s2, *sample.gyr_rad_s, *sample.mag_gauss)
@@ -140,11 +125,11 @@ def dataflash(samples, folder):
 
 
 def ulog(samples, folder):
-    log = UlogWriter().sensors().truth()
+    log = UlogWriter().sensors().topic(9, "vehicle_attitude_groundtruth", "float[4] q")
     for sample in samples:
         log.mag(sample.time_us, sample.mag_gauss)
         log.sample(sample.time_us, sample.gyr_rad_s, sample.acc_m_s2)
-        log.attitude(sample.time_us, sample.q_ned_frd)
+        log.row(9, "4f", sample.time_us, *sample.q_ned_frd)
     return log.save(folder)
 
 
@@ -200,6 +185,10 @@ def json_mcap(path, messages):
 SENSORS = {"gyro": "_rad_s", "acc": "_m_s2", "mag": "_gauss"}
 WRITERS = {"tlog": tlog, "dataflash": dataflash, "ulog": ulog, "csv": table}
 ALL_WRITERS = {**WRITERS, "mcap": mcap}
+
+
+def noisy(rng, vector, sigma=0.01):
+    return tuple(x + rng.gauss(0.0, sigma) for x in vector)
 
 
 def of(kind, events, message=None):

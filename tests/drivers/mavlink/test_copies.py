@@ -11,22 +11,19 @@ from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import EVERY_US, MOST_SENDERS, FrameGate, Policy
-from tests.drivers.mavlink.messages import only
+from tests.drivers.mavlink.messages import UNIX, VEHICLE, S, only
 
-S = 1_000_000
-UNIX_US = 1_790_000_000_000_000
 BOOT_US = 500 * S
-ONE = VehicleId(1, 1)
 
 
-def flight(seconds, boot_us=BOOT_US, seed=1, hz=50):
+def flight(seconds, boot_us=BOOT_US, seed=1):
     """What a vehicle sends: time in us, and bytes."""
-    encoder, rng = FrameEncoder(ONE), random.Random(seed)
-    for number in range(int(seconds * hz)):
-        at_us = number * S // hz
+    encoder, rng = FrameEncoder(VEHICLE), random.Random(seed)
+    for number in range(int(seconds * 50)):
+        at_us = 20_000 * number
         force = (rng.gauss(0.0, 0.1), rng.gauss(0.0, 0.1), -9.8)
         data = encoder.frame(raw_imu(boot_us + at_us, force, (0.0, 0.0, 0.1), (0.2, 0.0, 0.4)), 0)
-        if number % hz == 0:
+        if number % 50 == 0:
             data += encoder.frame(heartbeat(2, 3), 0)
         yield at_us, data
 
@@ -41,15 +38,15 @@ class Wire:
         events = []
         for at_us, peer, data in sorted(packets):
             reader = self.readers.setdefault(peer, FrameReader())
-            for frame in self.gate.let_in(reader.feed(data), peer, UNIX_US + at_us):
-                events += self.decoder.events(frame, UNIX_US + at_us)
-            events += self.gate.take_refused(UNIX_US + at_us)
+            for frame in self.gate.let_in(reader.feed(data), peer, UNIX + at_us):
+                events += self.decoder.events(frame, UNIX + at_us)
+            events += self.gate.take_refused(UNIX + at_us)
         return events
 
 
 def lateness_s(events):
     """How far behind the vehicle each sample that was taken arrived."""
-    return [(e.arrival_us - UNIX_US - (e.boot_us - BOOT_US)) / S for e in only(Imu, events)]
+    return [(e.arrival_us - UNIX - (e.boot_us - BOOT_US)) / S for e in only(Imu, events)]
 
 
 def refused(events):
@@ -155,7 +152,7 @@ def test_what_this_program_has_sent_is_no_vehicle_s():
 @pytest.mark.parametrize("lost", [100, 255, 300])
 def test_frames_that_are_missing_took_their_time_however_steadily_the_next_ones_come(lost):
     """A fresher copy takes over; the numbers do not show 255 that are missing."""
-    encoder, gyr, mag = FrameEncoder(ONE), (0.0, 0.0, 0.1), (0.2, 0.0, 0.4)
+    encoder, gyr, mag = FrameEncoder(VEHICLE), (0.0, 0.0, 0.1), (0.2, 0.0, 0.4)
     sent = [
         encoder.frame(raw_imu(BOOT_US + 10_000 * k, (0.01 * (k % 7), 0.0, -9.8), gyr, mag), 0)
         for k in range(2000)
@@ -182,7 +179,7 @@ class Sender:
     """Three frames a sample, 50 samples a second."""
 
     def __init__(self, number, seed=0):
-        self.encoder, self.rng = FrameEncoder(ONE), random.Random(seed)
+        self.encoder, self.rng = FrameEncoder(VEHICLE), random.Random(seed)
         for _ in range(number):
             self.encoder.frame(self._message(0), 0)
 
@@ -238,9 +235,13 @@ def test_a_bad_link_of_one_sender_is_none(kind, share):
 
 
 def test_nor_are_two_ways_of_which_one_is_slower():
-    one = Sender(0)
+    """Of frames from before a look begins it sees only the slower way's copies."""
+    one, gate = Sender(0), FrameGate(Policy())
     samples = [one.sample(20_000 * k) for k in range(1000)]
     assert reported([a + b for a, b in zip(samples[7:], samples, strict=False)]) == []
+    assert reported([[], *samples[:20]], gate=gate) == []
+    pairs = [a + b for a, b in zip(samples[20:200], samples, strict=False)]
+    assert reported(pairs, gate=gate, begin_us=S + EVERY_US) == []
 
 
 def test_one_that_comes_later_is_reported_at_the_next_look():
@@ -249,12 +250,3 @@ def test_one_that_comes_later_is_reported_at_the_next_look():
     assert reported(alone, gate=gate) == []
     after = [s.sample(20_000 * k) for k in range(1500) for s in (one, other)]
     assert len(reported(after, 10_000, gate, S + EVERY_US // 2)) == 1  # within two stretches
-
-
-def test_nor_are_they_where_a_look_begins_among_what_is_late():
-    """Of frames that came before it only the slower way's copies are seen."""
-    one, gate = Sender(0), FrameGate(Policy())
-    samples = [one.sample(20_000 * k) for k in range(200)]
-    assert reported([[], *samples[:20]], gate=gate) == []
-    pairs = [a + b for a, b in zip(samples[20:], samples, strict=False)]
-    assert reported(pairs, gate=gate, begin_us=S + EVERY_US) == []

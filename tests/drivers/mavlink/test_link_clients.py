@@ -6,30 +6,26 @@ import time
 
 import pytest
 
-from drivers.endpoint import Endpoint
-from drivers.events import Heartbeat, Imu, Shed, VehicleId
+from drivers.endpoint import parse_endpoint
+from drivers.events import Heartbeat, Imu, Malformed, Shed, VehicleId
 from drivers.mavlink import connection
 from drivers.mavlink.encoder import FrameEncoder, heartbeat
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import Policy
-from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.signing import SigningCheck
 from drivers.mavlink.transports.tcp import MOST_TCP_CLIENTS
 from drivers.mavlink.transports.udp import Udp
-from tests.drivers.mavlink.links import (
-    HOST,
-    Vehicle,
-    collect,
-    count,
-    tcp_link,
-    udp_link,
-    udp_sender,
-)
+from tests.drivers.mavlink.links import Vehicle, collect, count, tcp_link, udp_link, udp_sender
 from tests.drivers.mavlink.messages import only
 from tests.fuzzbee.processes import free_port
 
 pytestmark = pytest.mark.usefixtures("nothing_leaks")
+
+
+def ours(events):
+    """How many samples there are of the first vehicle."""
+    return sum(event.vehicle == VehicleId(1, 1) for event in only(Imu, events))
 
 
 @pytest.mark.parametrize("noise", [b"", b"\0"], ids=["silent", "babbling"])
@@ -67,21 +63,17 @@ def test_who_sends_imu_data_holds_its_place(hosts, sent, host, is_let_in):
                 with contextlib.suppress(OSError):  # one of them may have given way
                     client.sendall(vehicle.imu() if vehicle is flying else sent(vehicle))
 
-        def systems(events):
-            return {each.vehicle.system_id for each in events if isinstance(each, Imu | Heartbeat)}
+        def are_all_there(events):
+            return len({each.vehicle for each in only(Imu | Heartbeat, events)}) == MOST_TCP_CLIENTS
 
-        collect(link, lambda events: len(systems(events)) == MOST_TCP_CLIENTS, send)
+        collect(link, are_all_there, send)
         clients[late := connect(f"127.0.0.{host}")] = flying
         if is_let_in:
-            collect(
-                link,
-                lambda events: sum(e.vehicle.system_id == 1 for e in only(Imu, events)) > 9,
-                send,
-            )
+            collect(link, lambda events: ours(events) > 9, send)
         else:
             link.drain(0.1)
             assert late.recv(1) == b""
-            collect(link, lambda events: len(systems(events)) == MOST_TCP_CLIENTS, send)
+            collect(link, are_all_there, send)
 
 
 @pytest.mark.parametrize(
@@ -97,12 +89,8 @@ def test_who_sends_imu_data_holds_its_place(hosts, sent, host, is_let_in):
 @pytest.mark.parametrize("has_imu", [False, True])
 def test_large_datagrams_of_another_keep_no_vehicle_out(content, has_imu):
     """They cost as many packets as they may hold frames, also of who sends an IMU's as well."""
-    port, vehicle, other = free_port(socket.SOCK_DGRAM), Vehicle(1), Vehicle(2)
-    with (
-        MavlinkLink(Endpoint("udpin", HOST, port)) as link,
-        udp_sender(port) as flying,
-        udp_sender(port) as flood,
-    ):
+    vehicle, other = Vehicle(1), Vehicle(2)
+    with udp_link() as (link, flying), udp_sender(flying.getpeername()[1]) as flood:
 
         def fly():
             vehicle._time_us = time.monotonic_ns() // 1000  # a busy computer is no slow clock
@@ -121,17 +109,14 @@ def test_large_datagrams_of_another_keep_no_vehicle_out(content, has_imu):
             fly()
             events += link.drain(0.01)
 
-        def ours(found):
-            return [e for e in only(Imu, events + found) if e.vehicle.system_id == 1]
-
-        taken = lambda found: len(ours(found)) + link.shed + link.lost  # noqa: E731
+        taken = lambda found: ours(events + found) + link.shed + link.lost  # noqa: E731
         # on a busy computer more is let in, by time
         rate_hz = connection.IMU_PACKETS_HZ if has_imu else connection.PACKETS_HZ
         each = min(1 + len(content) // connection.FRAME_BYTES, rate_hz)
         let_in = 2 + rate_hz * (1.0 + time.monotonic() - begun_s) / each
         refused = lambda: not content or link.dropped - before + link.lost >= 200 - let_in  # noqa: E731
         events += collect(link, lambda found: taken(found) >= 36 and refused())
-        assert len(ours([])) > 8
+        assert ours(events) > 8
 
 
 def test_no_sample_is_refused_after_a_stop(monkeypatch):
@@ -157,18 +142,13 @@ def test_only_a_full_queue_leaves_samples_out_and_the_newest_stay(tmp_path, monk
     path, one, two = tmp_path / "flight.tlog", Vehicle(1), Vehicle(2)
     monkeypatch.setattr("drivers.mavlink.link.MOST_WAITING", 100)
     with Recorder(path) as recorder, udp_link(recorder) as (link, sender):
-        sent = b""
-        for number in range(150):
-            frames = [one.imu(), two.imu(), *([two.heartbeat()] if number == 9 else [])]
-            for frame in frames:
-                sender.send(frame)
-                sent += frame
-        newest = one._time_us
-        events = collect(
-            link,
-            lambda found: (
-                count(Heartbeat)(found) and newest in [e.boot_us for e in only(Imu, found)]
-            ),
+        sent = [each.imu() for _ in range(150) for each in (one, two)]
+        sent.insert(20, two.heartbeat())
+        for frame in sent:
+            sender.send(frame)
+        events = collect(link, count(Heartbeat))
+        events += collect(
+            link, lambda found: one._time_us in [e.boot_us for e in only(Imu, events + found)]
         )
         time.sleep(0.3)
         events += link.drain(0.0)
@@ -177,25 +157,21 @@ def test_only_a_full_queue_leaves_samples_out_and_the_newest_stay(tmp_path, monk
     assert shed > 100
     assert abs(taken + shed - 300) <= 2  # a first sample waits for its second
     assert sum(each.samples for each in only(Shed, events)) == shed
-    assert len(path.read_bytes()) == len(sent) + 8 * 301
+    assert len(path.read_bytes()) == sum(map(len, sent)) + 8 * 301
     assert recorder.is_whole
 
 
-def test_the_recording_holds_the_frames_as_they_came(tmp_path):
+def test_the_recording_holds_the_frames_as_they_came_and_what_is_none_is_counted(tmp_path):
     vehicle, path = Vehicle(), tmp_path / "flight.tlog"
     frames = [vehicle.heartbeat(), *(vehicle.imu() for _ in range(20))]
     with Recorder(path) as recorder, udp_link(recorder) as (link, sender):
-        sender.send(b"noise")
+        sender.send(b"GET / HTTP/1.1\r\n\r\n" + bytes(range(256)))
         for frame in frames:
             sender.send(frame)
-        events = collect(link, count(Imu, 20))
-    data, stamps = path.read_bytes(), []
-    for frame in frames:
-        stamps.append(int.from_bytes(data[:8], "big"))
-        assert data[8 : 8 + len(frame)] == frame
-        data = data[8 + len(frame) :]
-    assert data == b""
-    assert stamps[1:] == [e.arrival_us for e in only(Imu, events)]
+        events = collect(link, lambda events: count(Imu, 20)(events) and count(Malformed)(events))
+    arrivals_us = [event.arrival_us for event in only(Heartbeat | Imu, events)]
+    stamped = zip(arrivals_us, frames, strict=True)
+    assert path.read_bytes() == b"".join(us.to_bytes(8, "big") + frame for us, frame in stamped)
 
 
 def test_a_recording_begins_with_the_port_s_opening_and_not_with_the_first_look(tmp_path):
@@ -244,7 +220,7 @@ def test_an_imu_that_is_silent_for_long_gives_way_to_a_new_client(monkeypatch):
 def test_of_too_many_senders_the_one_silent_for_longest_is_answered_no_more(monkeypatch):
     monkeypatch.setattr("drivers.mavlink.transports.udp.MOST_UDP_PEERS", 2)
     port = free_port(socket.SOCK_DGRAM)
-    transport = Udp(Endpoint("udpin", HOST, port))
+    transport = Udp(parse_endpoint(f"udpin:{port}"))
     with contextlib.closing(transport), udp_sender(port) as a, udp_sender(port) as b:
         transport.open()
         with udp_sender(port) as c:

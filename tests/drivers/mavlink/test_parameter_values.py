@@ -7,17 +7,15 @@ import pytest
 
 from drivers.events import Parameter, VehicleId
 from drivers.mavlink.ardupilot import corrected, inertial_parameters
-from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MOST_WAITING, MavlinkDecoder
 from estimator.calibration import Calibration
 from estimator.profile import load_profile
 from fuzzbee.replays.trace import Replay
 from service.pipeline import Pipeline
-from tests.drivers.mavlink.messages import ARDUPILOT, PX4, S, decode_all, heartbeat, raw_imu
+from tests.drivers.mavlink.messages import ARDUPILOT, PX4, decode_all, heartbeat, m, only, raw_imu
 
 NO_AUTOPILOT = 8
 REAL, INT32 = 9, 6
-m = mavlink()
 
 
 def events_of(*sent):
@@ -52,7 +50,7 @@ ONE, TWO = VehicleId(1, 1), VehicleId(1, 2)
     ],
 )
 def test_whose_a_parameter_is(sent, expected):
-    assert [e.vehicle for e in events_of(*sent) if isinstance(e, Parameter)] == expected
+    assert [event.vehicle for event in only(Parameter, events_of(*sent))] == expected
 
 
 @pytest.mark.parametrize(("autopilot", "value"), [(PX4, 21.0), (ARDUPILOT, 2.942726775082116e-44)])
@@ -63,15 +61,15 @@ def test_an_integer_is_read_as_its_autopilot_writes_it(autopilot, value):
         [(1, 1, heartbeat(autopilot)), (1, 190, sent)],
         [(1, 190, sent), (1, 1, heartbeat(autopilot))],
     ):
-        (found,) = (e for e in events_of(*order) if isinstance(e, Parameter))
+        (found,) = only(Parameter, events_of(*order))
         assert found.value == value
 
 
 def test_what_waits_is_bounded_and_the_latest_of_each_name():
     others = [(1 + k % 8, 190, parameter(b"P%d" % k)) for k in range(MOST_WAITING)]
     sent = [(1, 190, parameter(b"A", 1.0)), (1, 190, parameter(b"A", 2.0)), *others]
-    found = events_of(*sent, *((system, 1, heartbeat()) for system in range(1, 9)))
-    found = [event for event in found if isinstance(event, Parameter)]
+    beats = ((system, 1, heartbeat()) for system in range(1, 9))
+    found = only(Parameter, events_of(*sent, *beats))
     assert len(found) == MOST_WAITING
     assert [event.value for event in found if event.name == "A"] == [2.0]
 
@@ -87,7 +85,7 @@ def test_replay_and_service_take_them():
     pipeline = Pipeline(load_profile("imu"))
     for event in events_of(*sent):
         pipeline.handle(event)
-    assert pipeline.vehicle(ONE).estimator.attitude(S).sigma_heading_rad > 0.7
+    assert pipeline.vehicle(ONE).estimator.attitude(1_000_000).sigma_heading_rad > 0.7
 
 
 def compass_sent(parameters, raw, number=""):

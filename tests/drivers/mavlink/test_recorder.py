@@ -9,13 +9,13 @@ import sys
 
 import pytest
 
-from drivers.events import Heartbeat, VehicleId
+from drivers.events import Heartbeat
 from drivers.logs.open import open_log
 from drivers.mavlink import recorder as recorder_module
 from drivers.mavlink import tlog_file
-from drivers.mavlink.encoder import FrameEncoder, heartbeat
 from drivers.mavlink.recorder import RETRY_US, Recorder
 from estimator.errors import InputError
+from tests.drivers.mavlink.links import Vehicle
 from tests.programs import ROOT, run_python
 from tests.service.sessions import wait_for
 
@@ -23,8 +23,7 @@ UNIX_US = 1_790_000_000_000_000  # 2026-09-21 14:13:20 UTC
 HOUR_US = 3_600_000_000
 
 
-def frame(encoder=FrameEncoder(VehicleId(1, 1))):  # noqa: B008 - one sender, numbered on
-    return encoder.frame(heartbeat(2, 3), 0)
+frame = Vehicle().heartbeat  # of one sender, numbered on
 
 
 def heartbeats(path):

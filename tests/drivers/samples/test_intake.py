@@ -12,19 +12,15 @@ from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3
-from tests.drivers.mavlink.messages import only
+from tests.drivers.mavlink.messages import UNIX, VEHICLE, S, only
 
-S = 1_000_000
-UNIX = 1_700_000_000 * S
-VEHICLE = given.VehicleId(1, 1)
-BOOT_MS, GPS = TimeField.BOOT_MS, TimeField.GPS
 REST = (0.0, 0.0, -STANDARD_GRAVITY_M_S2)
 FIELD = (0.2, 0.0, 0.4)
 PLACE = (47.0, 8.5, 500.0)
 
 
-def stamp(raw_us, arrival_us=None, clock=BOOT_MS):
-    return Stamp(clock, raw_us, UNIX + raw_us if arrival_us is None else arrival_us)
+def stamp(raw_us, arrival_us=None):
+    return Stamp(TimeField.BOOT_MS, raw_us, UNIX + raw_us if arrival_us is None else arrival_us)
 
 
 def imu(intake, raw_us, arrival_us=None, gyr=ZERO_VEC3, acc=REST, mag=FIELD, name="SCALED_IMU"):
@@ -35,12 +31,12 @@ def kinds(events):
     return [type(event) for event in events]
 
 
-def running(first_us=300 * S, count=5):
+def running():
     """An intake after some IMU messages on the boot clock, and the arrival of the next."""
-    intake = Intake(VEHICLE)
-    for k in range(count):
-        imu(intake, first_us + 250_000 * k)
-    return intake, UNIX + first_us + 250_000 * count
+    intake, next_us = Intake(VEHICLE), 301 * S + 250_000
+    for raw_us in range(300 * S, next_us, 250_000):
+        imu(intake, raw_us)
+    return intake, UNIX + next_us
 
 
 def test_the_first_reading_of_a_new_boot_waits_and_is_not_lost():
@@ -64,11 +60,9 @@ def test_no_stream_loses_anything_where_another_one_shows_a_second_boot(back_us)
         raw_us = 300_000 + 20_000 * k - back_us * (k >= back_us // 20_000)
         for name in ("SCALED_IMU2", "SCALED_IMU"):
             events += imu(intake, raw_us, UNIX + 20_000 * k, name=name)
-    assert [each.reason for each in events if isinstance(each, given.ClockReset)] == ["reboot"]
+    assert [each.reason for each in only(given.ClockReset, events)] == ["reboot"]
     for name in ("SCALED_IMU2", "SCALED_IMU"):
-        times_us = [
-            e.sample.time_us for e in events if isinstance(e, given.Imu) and e.message == name
-        ]
+        times_us = [e.sample.time_us for e in only(given.Imu, events) if e.message == name]
         assert len(times_us) == 200
         assert times_us == sorted(set(times_us))
 
@@ -86,6 +80,7 @@ def moving(intake, k, raw_us, mag=FIELD):
         *((3 * S, 1, 1), (3 * S, 2, 0)),
         *((99 * S, count, count) for count in (1, 2, 5)),
         (-99 * S, 5, 5),
+        *((99 * S, count, 0) for count in (6, 60)),  # and two fresh starts
     ],
 )
 def test_a_clock_set_back_for_a_few_readings_costs_no_others(back_us, count, lost):
@@ -94,21 +89,14 @@ def test_a_clock_set_back_for_a_few_readings_costs_no_others(back_us, count, los
     for k in range(600):
         raw_us = 300 * S + 20_000 * k - back_us * (500 <= k < 500 + count)
         events += moving(intake, k, raw_us)
-    times_us = [event.sample.time_us for event in events if isinstance(event, given.Imu)]
-    assert len(times_us) == 600 - lost
-    assert sum(isinstance(event, given.Rejected) for event in events) == lost
-    assert times_us[-1] - times_us[0] == 599 * 20_000
+    times_us = [event.sample.time_us for event in only(given.Imu, events)]
+    assert (len(times_us), len(only(given.Rejected, events))) == (600 - lost, lost)
     assert times_us == sorted(times_us)
-
-
-@pytest.mark.parametrize("count", [6, 60])
-def test_a_clock_set_back_far_for_longer_costs_two_fresh_starts_and_no_reading(count):
-    intake, events = Intake(VEHICLE), []
-    for k in range(600):
-        events += moving(intake, k, 300 * S + 20_000 * k - 99 * S * (500 <= k < 500 + count))
-    resets = [event for event in events if isinstance(event, given.ClockReset)]
-    assert [(each.reason, each.goes_on) for each in resets] == [("jump", False)] * 2
-    assert sum(isinstance(event, given.Imu) for event in events) == 600
+    resets = [(each.reason, each.goes_on) for each in only(given.ClockReset, events)]
+    if count >= 6:
+        assert resets == [("jump", False)] * 2
+    else:
+        assert times_us[-1] - times_us[0] == 599 * 20_000
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -120,8 +108,8 @@ def test_a_field_that_wraps_is_out_of_range_until_it_is_back(peak_gauss, sign):
         true = sign * (0.4 + peak_gauss * math.sin(math.pi * k / 800) ** 2)
         shown = 1e-3 * ((round(1e3 * true) + 32768) % 65536 - 32768)
         events = moving(intake, k, S + 20_000 * k, (0.2 + 1e-3 * (k % 3), 0.0, shown))
-        used += [true for e in events if isinstance(e, given.Imu) and e.sample.has_mag]
-        refused += sum(isinstance(event, given.Rejected) for event in events)
+        used += [true for event in only(given.Imu, events) if event.sample.has_mag]
+        refused += len(only(given.Rejected, events))
     assert max(map(abs, used)) <= 8.0
     assert len(used) + refused == 800
 
@@ -157,16 +145,15 @@ def test_a_receivers_velocity_is_late_and_a_filters_is_not(message, sigma_m_s, l
 
 
 def test_what_is_not_finite_is_left_out_and_the_rest_is_kept():
-    intake, _ = running()
-    broken = (math.nan, 8.5, 500.0)
-    assert kinds(intake.fix("GPS", stamp(301 * S), Fix((1.0, 0.0, 0.0), position=broken))) == [
-        given.Velocity
-    ]
-    fix = Fix((math.inf, 0.0, 0.0), position=PLACE)
-    (position,) = intake.fix("GPS", stamp(302 * S), fix)
-    assert (position.latitude_deg, position.longitude_deg, position.altitude_m) == PLACE
-    fix = Fix((1.0, 0.0, 0.0), sigma_m_s=math.nan)
-    assert intake.fix("GPS", stamp(303 * S), fix) == []
+    for fix, left in (
+        (Fix((1.0, 0.0, 0.0), position=(math.nan, 8.5, 500.0)), [given.Velocity]),
+        (Fix((1.0, 0.0, 0.0), sigma_m_s=math.nan), []),
+        (Fix((math.inf, 0.0, 0.0), position=PLACE), [given.Position]),
+    ):
+        events = running()[0].fix("GPS", stamp(301 * S), fix)
+        assert kinds(events) == left
+    (place,) = events
+    assert (place.latitude_deg, place.longitude_deg, place.altitude_m) == PLACE
 
 
 def test_a_field_that_does_not_turn_with_the_vehicle_is_taken_away_and_counted():
@@ -177,7 +164,7 @@ def test_a_field_that_does_not_turn_with_the_vehicle_is_taken_away_and_counted()
         mag = (0.2 * math.cos(angle), -0.2 * math.sin(angle), 0.4) if moves else FIELD
         gyr = (0.001 * (k % 7), 0.0, 1.0 + 0.001 * (k % 5))
         events = imu(intake, S + 20_000 * k, gyr=gyr, acc=(0.001 * (k % 3), 0.0, -9.8), mag=mag)
-        refused += [k for event in events if isinstance(event, given.Rejected)]
+        refused += [k for _ in only(given.Rejected, events)]
         if refused and refused[-1] == k:
             assert events[0].reason == Reason.MAGNETOMETER_STUCK
             assert not events[1].sample.has_mag
@@ -193,7 +180,7 @@ def test_after_blindness_the_track_is_lost_and_it_is_reported_for_how_long():
         gyr = (2.0, 0.0, 0.0) if is_stuck else (0.01 * (k % 7), 0.002 * (k % 3), 0.001 * (k % 5))
         acc = (0.5, 0.0, -9.0) if is_stuck else (0.01 * (k % 3), 0.02 * (k % 5), -9.8)
         events = imu(intake, S + 20_000 * k, gyr=gyr, acc=acc, mag=(0.2 + 1e-3 * (k % 4), 0.0, 0.4))
-        lost += [(k, event) for event in events if isinstance(event, given.TrackLost)]
+        lost += [(k, event) for event in only(given.TrackLost, events)]
     ((k, event),) = lost
     assert k == 160
     assert event.reason == Reason.STUCK
@@ -240,27 +227,17 @@ def test_a_clock_that_stays_back_holds_no_more_than_so_many():
     assert refused + len(stream.end()) == count
 
 
-def logged(stale_us=0):
+@pytest.mark.parametrize("age_us", [200_000, 200_001, -200_000, -200_001])
+@pytest.mark.parametrize("is_last", [True, False])
+def test_a_logged_field_holds_for_a_while_and_until_one_that_is_no_number(age_us, is_last):
     vehicle = LoggedVehicle(VEHICLE, 0)
     vehicle.at(S)
     vehicle.put_mag(FIELD)
-    vehicle.at(S + stale_us)
-    return vehicle, vehicle.imu("IMU", ZERO_VEC3, REST)
-
-
-@pytest.mark.parametrize(
-    ("age_us", "expected"), [(200_000, True), (200_001, False), (-200_000, True), (-200_001, False)]
-)
-def test_a_logged_field_gets_stale(age_us, expected):
-    _, (event,) = logged(stale_us=age_us)
-    assert event.sample.has_mag is expected
-
-
-def test_a_logged_field_that_is_no_number_is_none():
-    vehicle, _ = logged()
-    vehicle.put_mag((math.nan, 0.0, 0.4))
-    (event,) = vehicle.imu("IMU2", ZERO_VEC3, REST)
-    assert not event.sample.has_mag
+    vehicle.at(S + age_us)
+    if not is_last:
+        vehicle.put_mag((math.nan, 0.0, 0.4))
+    (event,) = vehicle.imu("IMU", ZERO_VEC3, REST)
+    assert event.sample.has_mag is (is_last and abs(age_us) == 200_000)
 
 
 def test_an_autopilot_s_unstamped_attitude_is_taken_if_it_sends_no_other():

@@ -9,12 +9,11 @@ from drivers.samples.sensor_faults import Readings, SensorFaults
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import rotate_inverse
 from estimator.reasons import Reason
+from estimator.types import ZERO_VEC3 as NO_FIELD
+from tests.drivers.mavlink.messages import G, S
 
-S = 1_000_000
-G = 9.80665
-RATE_HZ = 50.0
+RATE_HZ, SPEED_M_S = 50.0, 22.0
 FIELD_NED_GAUSS = (0.22, 0.05, -0.5)  # the southern hemisphere's
-NO_FIELD = (0.0, 0.0, 0.0)
 WEAVE_S, CIRCLE_S = 4.0, 20.0
 
 
@@ -23,17 +22,17 @@ def truncated(vector, unit):
     return tuple(int(x / unit) * unit for x in vector)
 
 
-def circle(turn_rad_s, speed_m_s=22.0, iron_gauss=NO_FIELD, *, has_field=True, noise=0.0):
+def circle(turn_rad_s, iron_gauss=NO_FIELD, *, has_field=True, noise=0.0):
     """Weaving, then a turn with tan(bank) = v w / g; the field is 0.09 s late in steps of 0.1 s."""
     rng = np.random.default_rng(1)
-    bank, field = atan2(speed_m_s * turn_rad_s, G), []
+    bank, field = atan2(SPEED_M_S * turn_rad_s, G), []
     for k in range(round((WEAVE_S + CIRCLE_S) * RATE_HZ)):
         time_s = k / RATE_HZ
         weave = max(0.0, 1.0 - time_s / WEAVE_S)
         roll = bank * (1.0 - weave) + 0.1 * weave * sin(7.0 * time_s)
         shake = 0.02 * weave * sin(11.0 * time_s)
         gyr = (shake, turn_rad_s * sin(roll), turn_rad_s * cos(roll))
-        force = (shake, 0.0, -G * cos(roll) - speed_m_s * turn_rad_s * sin(roll))
+        force = (shake, 0.0, -G * cos(roll) - SPEED_M_S * turn_rad_s * sin(roll))
         gyr, force = (tuple(np.array(v) + noise * rng.standard_normal(3)) for v in (gyr, force))
         if k % 5 == 0:
             late = from_euler_rad(roll, 0.0, turn_rad_s * (time_s - 0.09))

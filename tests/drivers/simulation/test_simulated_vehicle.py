@@ -1,7 +1,7 @@
 """The simulated vehicle against the paper's equations, and its flight against physics."""
 
 import itertools
-from math import asin, atan2, degrees
+from math import asin, atan2, degrees, inf, nan
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from drivers.simulation import simulated_vehicle as vehicles
 from estimator.errors import InputError
 from estimator.geometry.earth import distance_m, field_at
 from estimator.geometry.frames import euler_rad
+from tests.vocabulary import scipy_rotation as rotations
 
 G = 9.80665
 
@@ -35,10 +36,6 @@ def paper_attitude(times):
         derivative, (0, times[-1]), np.eye(3).ravel(), t_eval=times, rtol=1e-10, atol=1e-11
     )
     return Rotation.from_matrix(solution.y.T.reshape(-1, 3, 3))
-
-
-def rotations(q):
-    return Rotation.from_quat(q, scalar_first=True)
 
 
 @pytest.mark.parametrize("rate_hz", [0.5, 1, 4, 30, 50, 100, 333.3, 400])
@@ -89,18 +86,13 @@ def test_noise_has_the_paper_s_standard_deviations():
         {"motion": "flight", "rate_hz": 5.0},
     ],
 )
-def test_stream_and_block_are_bit_equal(options):
+def test_stream_and_block_of_a_seed_are_bit_equal_and_others_differ(options):
     block = vehicles.simulate(11, 700, **options)
     vehicle = vehicles.SimulatedVehicle(11, **options)
     streamed = [next(vehicle) for _ in range(700)]
     for name, expected in block._asdict().items():
         assert np.array_equal(np.array([getattr(s, name) for s in streamed]), expected), name
-
-
-def test_seeds_differ_and_repeat():
-    one, again, other = (vehicles.simulate(seed, 50).acc_m_s2 for seed in (1, 1, 2))
-    assert np.array_equal(one, again)
-    assert not np.array_equal(one, other)
+    assert not np.array_equal(block.acc_m_s2, vehicles.simulate(12, 700, **options).acc_m_s2)
 
 
 def test_rest_stays_and_turn_turns():
@@ -142,10 +134,13 @@ def test_arrays_are_constant():
         assert len(values) == 10, name
 
 
-@pytest.mark.parametrize("rate_hz", [0.0, -5.0, float("nan"), float("inf")])
-def test_a_rate_that_is_none_is_refused(rate_hz):
-    with pytest.raises(InputError, match="rate must be positive"):
-        vehicles.simulate(0, 3, rate_hz)
+@pytest.mark.parametrize(
+    ("samples", "rate_hz", "words"),
+    [(0, 50.0, "1 sample"), *((3, hz, "rate must be positive") for hz in (0.0, -5.0, nan, inf))],
+)
+def test_no_samples_and_a_rate_that_is_none_are_refused(samples, rate_hz, words):
+    with pytest.raises(InputError, match=words):
+        vehicles.simulate(0, samples, rate_hz)
 
 
 STEP_S = 0.01

@@ -97,12 +97,9 @@ def test_a_flight_in_process_sends_its_place_and_falls_silent():
     assert {event.motion for event in of(BuiltIn, events)} == {"flight"}
 
 
-def test_an_unknown_motion_is_refused_before_anything_is_opened():
+def test_what_has_no_live_source_and_an_unknown_motion_before_anything_is_opened(tmp_path):
     with pytest.raises(InputError, match=r"'loop'.*paper, rest, turn, flight"):
         require_openable(parse_endpoint("sim:loop"))
-
-
-def test_what_has_no_live_source(tmp_path):
     log = tmp_path / "x.tlog"
     log.touch()
     with pytest.raises(InputError, match="log"):
