@@ -14,7 +14,6 @@ from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
-from service.records import AttitudeRecord
 from tests.fuzzbee.processes import UDP, descendants, free_endpoint, free_port, is_alive
 from tests.fuzzbee.recording import frames_of
 from tests.fuzzbee.services import SLOW_HZ, Subscriber, end, flight, keep_reading, only, service
@@ -37,24 +36,23 @@ def test_what_is_published_is_what_a_pipeline_makes_of_the_recording(tmp_path):
         seen = Subscriber(session)
         time.sleep(0.3)
         with flight(4, port, rate_hz=SLOW_HZ) as sent:
-            wait_for(lambda: all(seen.count(str(n)) > 100 for n in range(1, 5)), 30.0)
+            seen.wait_for_attitudes(100)
         time.sleep(0.3)
         family = descendants(process.pid)
         result = end(process, lines)
         assert not any(map(is_alive, family))  # Ctrl-C leaves nobody
     assert b"".join(frame for _, frame in frames_of(log)) == b"".join(sent)
-    whole = [number for number in range(1, 5) if not result["vehicles"][str(number)]["shed"]]
+    whole = [name for name in "1234" if not result["vehicles"][name]["shed"]]
     if not whole:
         pytest.skip("a long stall: samples of all were left out, and nobody knows which")
-    for number in whole:
-        records = [record for _, record in seen.attitudes[str(number)]]
-        assert_one_pipeline_says(records, frames_of(log), number)
+    for name in whole:
+        records = [record for _, record in seen.attitudes[name]]
+        assert_one_pipeline_says(records, frames_of(log), VehicleId(int(name), 1))
 
 
-def assert_one_pipeline_says(records, frames, system):
+def assert_one_pipeline_says(records, frames, address):
     """Each attitude is the one after its last sample, which a record of age 0 does not show."""
     pipeline, wire = Pipeline(load_profile("paper")), Wire(MavlinkDecoder(references=False))
-    address = VehicleId(system, 1)
     every = (event for us, data in frames for event in wire.events(data, us))
     events = [event for event in every if getattr(event, "vehicle", None) == address]
     reported = [record for record in records if record["age_ms"] > 0.0]
@@ -67,25 +65,23 @@ def assert_one_pipeline_says(records, frames, system):
         vehicle = pipeline.vehicle(address)
         vehicle.publishing.attitudes = record["sequence"]
         vehicle.on_time(time_us)
-        attitude = vehicle.attitude(time_us)
-        assert isinstance(attitude, AttitudeRecord)
-        alone = json.loads(msgspec.json.encode(attitude))
+        alone = json.loads(msgspec.json.encode(vehicle.attitude(time_us)))
         for key in ("q_ned_frd", "rate_rad_s", "sigma_deg", "time_boot_us"):
             assert alone[key] == record[key]
 
 
 def test_a_service_that_was_stopped_publishes_nothing_old_and_counts_every_sample():
     """Of each vehicle only what is newest still counts."""
-    port, endpoint, names = free_port(UDP), free_endpoint(), "1234"
+    port, endpoint = free_port(UDP), free_endpoint()
     with service(port, *only(endpoint)) as process, plain_client(endpoint) as session:
         lines, seen = keep_reading(process), Subscriber(session)
         with flight(4, port) as sent:
-            wait_for(lambda: all(seen.count(name) > 30 for name in names), 30.0)
+            seen.wait_for_attitudes(30)
             process.send_signal(signal.SIGSTOP)
             time.sleep(2.0)
             seen.attitudes.clear()
             process.send_signal(signal.SIGCONT)
-            wait_for(lambda: all(seen.count(name) > 30 for name in names), 30.0)
+            seen.wait_for_attitudes(30)
             ages_s = [
                 arrival_s - 1e-6 * record["time_unix_us"]
                 for rows in seen.attitudes.values()
@@ -94,7 +90,7 @@ def test_a_service_that_was_stopped_publishes_nothing_old_and_counts_every_sampl
         # each vehicle's last; a hundred more of each waited before the others were left out
         assert len([age for age in ages_s if age > 1.0]) <= 2 * 4
         # everything has been read by then
-        wait_for(lambda: all(seen.statuses[name]["state"] == "degraded" for name in names), 30.0)
+        wait_for(lambda: [each["state"] for each in seen.statuses.values()] == ["degraded"] * 4)
         result = end(process, lines)
     assert result["lost"] == 0
     frames = [frame for data in sent for frame in FrameReader().feed(data)]
@@ -119,7 +115,7 @@ def test_two_services_on_a_router_each_with_its_share(capfd):
             flight(4, *ports),  # both hear all, and take their share
         ):
             seen = Subscriber(session)
-            wait_for(lambda: all(seen.count(str(n)) > 30 for n in range(1, 5)), 30.0)
+            seen.wait_for_attitudes(30)
             results = [end(each, keep_reading(each)) for each in (one, two)]
     assert [sorted(result["vehicles"]) for result in results] == [["1", "3", "4"], ["2"]]
     assert all(result["refused"]["system_not_allowed"] > 50 for result in results)
