@@ -9,6 +9,7 @@ import pytest
 
 from drivers.logs import table
 from estimator.geometry.frames import swap_ned_enu
+from estimator.geometry.metrics import rms
 from tests.fuzzbee.recording import DATA, SLOW, frames_of
 from tests.programs import run_python
 
@@ -45,8 +46,7 @@ def test_csv_holds_every_sample_with_its_reference(rows_of):
     assert len(rows) == report["imu"]["samples"]
     assert float(rows[-1]["time_s"]) == pytest.approx(report["duration_s"])
     compared = [float(r["error_inclination_deg"]) for r in rows if r["error_inclination_deg"]]
-    squares = sum(e * e for e in compared) / len(compared)
-    assert squares**0.5 == pytest.approx(report["error_deg"]["inclination_rms"], rel=1e-6)
+    assert rms(compared) == pytest.approx(report["error_deg"]["inclination_rms"], rel=1e-6)
 
 
 def test_parquet_has_the_rows_of_the_csv(rows_of, tmp_path, monkeypatch):

@@ -12,17 +12,26 @@ from fuzzbee.replays.plot import Thinned
 from tests.fuzzbee import browser
 from tests.fuzzbee.recording import DATA, FLIPS, SLOW, TAKEOFF, rewritten, table
 
-for module in ("matplotlib", "plotly"):
-    pytest.importorskip(module, reason="an extra is not installed")
+Figure = pytest.importorskip("matplotlib.figure", reason="an extra is not installed").Figure
+pytest.importorskip("plotly", reason="an extra is not installed")
 
 
 @pytest.fixture
 def page(replayed, tmp_path):
-    """The curves and the layout of a replay's page."""
+    """The curves of a replay's page by panel and name, with their y, and its layout."""
+
+    def values(y):
+        if isinstance(y, dict):
+            return np.frombuffer(base64.b64decode(y["bdata"]), y["dtype"])
+        return np.array(y, float)
 
     def draw(*arguments):
         replayed(*arguments, "--plot", tmp_path / "a.html")
-        return page_of(tmp_path / "a.html")
+        text = (tmp_path / "a.html").read_text("utf-8")
+        begin = text.index("[", text.rindex("Plotly.newPlot("))
+        data, end = json.JSONDecoder().raw_decode(text, begin)
+        layout, _ = json.JSONDecoder().raw_decode(text, text.index("{", end))
+        return {(t["yaxis"], t["name"]): values(t["y"]) for t in data if "name" in t}, layout
 
     return draw
 
@@ -30,30 +39,14 @@ def page(replayed, tmp_path):
 @pytest.fixture
 def drawn(monkeypatch):
     """The figures that are written."""
-    figure_type = pytest.importorskip("matplotlib.figure").Figure
-    figures, save = [], figure_type.savefig
+    figures, save = [], Figure.savefig
 
     def keep(figure, *arguments, **options):
         figures.append(figure)
         save(figure, *arguments, **options)
 
-    monkeypatch.setattr(figure_type, "savefig", keep)
+    monkeypatch.setattr(Figure, "savefig", keep)
     return figures
-
-
-def page_of(path):
-    """The curves by panel and name, with their y, and the layout of a page."""
-    text = path.read_text("utf-8")
-    begin = text.index("[", text.rindex("Plotly.newPlot("))
-    data, end = json.JSONDecoder().raw_decode(text, begin)
-    layout, _ = json.JSONDecoder().raw_decode(text, text.index("{", end))
-
-    def values(y):
-        if isinstance(y, dict):
-            return np.frombuffer(base64.b64decode(y["bdata"]), y["dtype"])
-        return np.array(y, float)
-
-    return {(t["yaxis"], t["name"]): values(t["y"]) for t in data if "name" in t}, layout
 
 
 def legends_apart(figure):
@@ -241,14 +234,12 @@ def test_modes_arming_and_warnings_are_named(page, tmp_path, options, expected):
     assert [x for x, _ in named] == sorted(x for x, _ in named)
 
 
-LAYOUT = "document.getElementById('fuzzbee')._fullLayout"
-
-
 @pytest.mark.skipif(browser.program() is None, reason="there is no Chromium")
 def test_the_panels_of_a_page_zoom_together_without_a_network(page, tmp_path):
     """The mouse is drawn over the second quarter of the third panel."""
     page(SLOW)
-    of = f"Object.keys({LAYOUT}).filter(k => k.startsWith('xaxis')).map(k => {LAYOUT}[k].range)"
+    layout = "document.getElementById('fuzzbee')._fullLayout"
+    of = f"Object.keys({layout}).filter(k => k.startsWith('xaxis')).map(k => {layout}[k].range)"
     panel = "document.querySelector('.nsewdrag[data-subplot=x3y3]').getBoundingClientRect()"
     options = "document.querySelector('pre').textContent"
     with browser.page("about:blank", tmp_path / "browser") as seen:
