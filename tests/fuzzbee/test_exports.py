@@ -86,10 +86,8 @@ def read_mcap(path):
     """(schema, topic, time in ns, data) of every message."""
     reader = pytest.importorskip("mcap.reader", reason="the extra 'mcap' is not installed")
     with path.open("rb") as file:
-        return [
-            (schema, channel.topic, message.log_time, message.data)
-            for schema, channel, message in reader.make_reader(file).iter_messages()
-        ]
+        messages = reader.make_reader(file).iter_messages()
+        return [(schema, channel.topic, m.log_time, m.data) for schema, channel, m in messages]
 
 
 def stamps_of(path):
@@ -202,15 +200,13 @@ def test_dates_never_go_back_though_the_recorder_s_clock_was_set_back(rows_of, t
 
 # --- logs of more samples than are held in memory: the same figures and files
 
-WRITTEN = {"--csv": "flight.csv", "--tum": "flight.tum", "--mcap": "flight.mcap"}
-
 
 @pytest.fixture
 def written(replayed, tmp_path):
     """The figures, and what was written."""
 
     def run(log, *options):
-        files = [part for name, file in WRITTEN.items() for part in (name, tmp_path / file)]
+        files = [f"--{kind}={tmp_path}/flight.{kind}" for kind in ("csv", "tum", "mcap")]
         figures = replayed(DATA / log, *files, *options)
         del figures["wall_s"]
         return figures, {path.name: path.read_bytes() for path in tmp_path.iterdir()}

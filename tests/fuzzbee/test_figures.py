@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from fuzzbee.replays.plot import Thinned
 from tests.fuzzbee import browser
-from tests.fuzzbee.recording import DATA, FLIPS, SLOW, TAKEOFF, rewritten, table
+from tests.fuzzbee.recording import DATA, FLIPS, SLOW, TAKEOFF, WITH_TRUTH, rewritten, table
 
 Figure = pytest.importorskip("matplotlib.figure", reason="an extra is not installed").Figure
 pytest.importorskip("plotly", reason="an extra is not installed")
@@ -76,13 +76,11 @@ def test_curves_are_the_reports_figures_on_paper_and_on_the_page(replayed, page,
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf", "html"])
-@pytest.mark.parametrize(
-    "source", [(SLOW,), ("sim:", "--profile", "adaptive", "--seeds", "300-301")]
-)
-def test_the_same_figure_twice_is_the_same_bytes(replayed, tmp_path, suffix, source):
+@pytest.mark.parametrize("what", [(SLOW,), ("sim:", "--profile", "adaptive", "--seeds", "300-301")])
+def test_the_same_figure_twice_is_the_same_bytes(replayed, tmp_path, suffix, what):
     first, second = (tmp_path / f"{name}.{suffix}" for name in "ab")
     for file in (first, second):
-        replayed(*source, "--plot", file)
+        replayed(*what, "--plot", file)
     assert first.stat().st_size > 10_000
     assert first.read_bytes() == second.read_bytes()
 
@@ -97,9 +95,7 @@ def disturbed(path):
         truth = (1, 0, 0, 0) if t < 35.0 else ("",) * 4
         rows.append(None if 40.0 <= t < 45.0 else (*gyr, 0.0, 0.0, -1.0, *mag, *truth))
     columns = (*(f"m{axis}_gauss" for axis in "xyz"), *"wxyz")
-    table(path, 20.0, rows, columns).with_suffix(".toml").write_text(
-        'axes = "frd"\ntruth = { columns = ["w", "x", "y", "z"] }'
-    )
+    table(path, 20.0, rows, columns).with_suffix(".toml").write_text(WITH_TRUTH)
     return path
 
 

@@ -74,20 +74,18 @@ def twice_damaged(test):
     return test
 
 
+DAMAGE = st.tuples(st.sampled_from([*DAMAGES]), st.integers(0, ROWS - 1), st.integers(1, 60))
+
+
 @twice_damaged
 @settings(max_examples=10, deadline=None)
 @given(
-    damages=st.lists(
-        st.tuples(st.sampled_from([*DAMAGES]), st.integers(0, ROWS - 1), st.integers(1, 60)),
-        max_size=5,
-    ),
+    damages=st.lists(DAMAGE, max_size=5),
     has_velocity=st.booleans(),
     cuts=st.lists(st.integers(0, ROWS), max_size=2).map(sorted),
     calibrated=st.sampled_from([None, False, True]),
 )
-def test_a_batch_is_the_same_as_calls_to_the_last_digit(
-    flight, damages, has_velocity, cuts, calibrated
-):
+def test_a_batch_equals_calls_to_the_last_digit(flight, damages, has_velocity, cuts, calibrated):
     """In batches that go on from each other at the cuts."""
     time_s, gyr, acc, mag, velocity = (values.copy() for values in flight)
     if not has_velocity:
@@ -241,8 +239,7 @@ def test_a_turn_to_the_right_is_a_growing_heading():
     gyr, acc, mag, yaw_deg = turning_level(500, 100.0)
     attitudes = Estimator(rate_hz=100.0).update_batch(gyr, acc, mag)
     roll, pitch, heading = attitudes.euler_deg.T
-    assert np.abs(roll).max() < 1e-3
-    assert np.abs(pitch).max() < 1e-3
+    assert np.abs([roll, pitch]).max() < 1e-3
     # The field's lag is not known yet: half a degree is 17 ms at this rate
     assert np.abs((heading - yaw_deg + 180.0) % 360.0 - 180.0).max() < 0.5
     assert attitudes.time_s == pytest.approx(np.arange(500) / 100.0)

@@ -190,11 +190,9 @@ def test_a_taken_port_leaves_no_recording_and_an_older_one_as_it_is(tmp_path, na
     assert [*tmp_path.rglob("*")] == before
 
 
-@pytest.mark.parametrize(
-    ("are_whole", "word"), [((), ""), ((True, True), "whole"), ((True, False), "failed")]
-)
-def test_a_recording_is_whole_if_each_of_its_parts_is(are_whole, word):
-    things = [SimpleNamespace(is_whole=each) for each in are_whole]
+@pytest.mark.parametrize(("parts", "word"), [("", ""), ("11", "whole"), ("10", "failed")])
+def test_a_recording_is_whole_if_each_of_its_parts_is(parts, word):
+    things = [SimpleNamespace(is_whole=part == "1") for part in parts]
     assert recording_word([object(), *things]) == word
 
 

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
+from msgspec.structs import astuple
 from scipy.spatial.transform import Rotation
-from typer.main import get_command
 
 from drivers.events import VehicleId
 from drivers.logs import table
@@ -20,10 +19,11 @@ from estimator.geometry.rotations import exp
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from fuzzbee import replay
+from fuzzbee.app import build_command
 from fuzzbee.replays import motion
 from fuzzbee.replays.score import constant_turn
 from fuzzbee.replays.trace import VehicleTrace
-from fuzzbee.sim import SimOptions, _vehicle_options, sim
+from fuzzbee.sim import SimOptions, _vehicle_options
 from fuzzbee.truth_score import ScoredPipeline, TruthScore
 from service.records import Message
 from tests.fuzzbee.recording import DATA, recorded
@@ -77,17 +77,13 @@ def test_every_figure_is_that_of_the_samples_that_count(log, skip_s, monkeypatch
     counted = np.isfinite(flight.error_rad[:, 0]) & (ours.time_s >= skip_s)
     total, heading, inclination = np.degrees(flight.error_rad[counted]).T
     reported = ours.heading_reference[counted] != "none"
-    assert report.error_deg.total_rms == rms(total[reported])
-    assert report.error_deg.heading_rms == rms(heading[reported])
-    assert report.error_deg.inclination_rms == rms(inclination)
-    assert report.error_deg.inclination_p95 == pytest.approx(np.percentile(inclination, 95.0))
+    wanted = [*map(rms, (total[reported], heading[reported], inclination))]
+    assert astuple(report.error_deg) == (*wanted, pytest.approx(np.percentile(inclination, 95.0)))
     upright = inclination <= np.degrees(ours.sigma_inclination_rad[counted])
     pointed = heading <= np.degrees(ours.sigma_heading_rad[counted])
     moving = moved(path)[-len(counted) :][counted]
-    assert report.coverage.inclination == mean(upright)
-    assert report.coverage.heading == mean(pointed[reported])
-    assert report.coverage.inclination_moving == mean(upright[moving])
-    assert report.coverage.heading_moving == mean(pointed[reported & moving])
+    shares = (upright, pointed[reported], upright[moving], pointed[reported & moving])
+    assert astuple(report.coverage) == tuple(map(mean, shares))
     names, counts = np.unique(ours.heading_reference[counted], return_counts=True)
     assert report.heading_references == dict(zip(names.tolist(), counts.tolist(), strict=True))
     assert report.mean_gain == pytest.approx(np.mean(ours.gain))
@@ -207,11 +203,10 @@ def test_a_flight_is_announced_as_it_goes_and_judged_at_its_end():
 
 def parsed(arguments):
     """What a line of the documents asks ``fuzzbee sim`` for."""
-    app = typer.Typer()
-    app.command()(sim)
-    params = get_command(app).make_context("sim", arguments).params
+    command = build_command(decorated=False).commands["sim"]
+    params = command.make_context("sim", arguments).params
     key_file = params.pop("signing_key_file")  # text until the command itself is called
-    return SimOptions(**params, signing_key_file=None if key_file is None else Path(key_file))
+    return SimOptions(**params, signing_key_file=key_file and Path(key_file))
 
 
 def scored_on_the_wire(options, seconds, begin_s=0.0):

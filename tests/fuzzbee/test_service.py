@@ -20,20 +20,15 @@ from tests.fuzzbee.services import SLOW_HZ, Subscriber, end, flight, keep_readin
 from tests.service.flight_rig import Wire
 from tests.service.sessions import assert_without_gaps, plain_client, router, wait_for
 
-pytestmark = pytest.mark.skipif(
-    not Path("/proc/self/task").exists(), reason="looks for processes in /proc"
-)
+pytestmark = pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks into /proc")
 
 
 def test_what_is_published_is_what_a_pipeline_makes_of_the_recording(tmp_path):
     """To the last digit; and nothing that was sent is missing in the recording."""
     port, endpoint, log = free_port(UDP), free_endpoint(), tmp_path / "flight.tlog"
-    with (
-        service(port, "--record", str(log), *only(endpoint)) as process,
-        plain_client(endpoint) as session,
-    ):
-        lines = keep_reading(process)
-        seen = Subscriber(session)
+    options = ("--record", log, *only(endpoint))
+    with service(port, *options) as process, plain_client(endpoint) as session:
+        lines, seen = keep_reading(process), Subscriber(session)
         time.sleep(0.3)
         with flight(4, port, rate_hz=SLOW_HZ) as sent:
             seen.wait_for_attitudes(100)
@@ -82,12 +77,9 @@ def test_a_service_that_was_stopped_publishes_nothing_old_and_counts_every_sampl
             seen.attitudes.clear()
             process.send_signal(signal.SIGCONT)
             seen.wait_for_attitudes(30)
-            ages_s = [
-                arrival_s - 1e-6 * record["time_unix_us"]
-                for rows in seen.attitudes.values()
-                for arrival_s, record in rows
-            ]
+            rows = [row for each in seen.attitudes.values() for row in each]
         # each vehicle's last; a hundred more of each waited before the others were left out
+        ages_s = [arrival_s - 1e-6 * record["time_unix_us"] for arrival_s, record in rows]
         assert len([age for age in ages_s if age > 1.0]) <= 2 * 4
         # everything has been read by then
         wait_for(lambda: [each["state"] for each in seen.statuses.values()] == ["degraded"] * 4)
@@ -101,7 +93,7 @@ def test_a_service_that_was_stopped_publishes_nothing_old_and_counts_every_sampl
         assert 0 <= imu - counted["samples"] - counted["shed"] - refused <= 1
 
 
-def test_two_services_on_a_router_each_with_its_share(capfd):
+def test_two_services_on_a_router_each_with_its_share():
     """What a subscriber at the router sees is one fleet, its keys those of one service."""
     ports, endpoint = [free_port(UDP) for _ in range(2)], free_endpoint()
     at_router = ("-m", "client", "-e", endpoint)
@@ -121,4 +113,3 @@ def test_two_services_on_a_router_each_with_its_share(capfd):
     assert all(result["refused"]["system_not_allowed"] > 50 for result in results)
     for records in seen.attitudes.values():
         assert_without_gaps([record for _, record in records])
-    capfd.readouterr()
