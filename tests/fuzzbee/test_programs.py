@@ -219,18 +219,14 @@ def turning_level(n, rate_hz, rate_rad_s=0.5):
     """A level vehicle that turns right from north: readings (n, 3) without any noise."""
     yaw = rate_rad_s * np.arange(n) / rate_hz
     gyr = np.tile((0.0, 0.0, rate_rad_s), (n, 1))
-    acc = np.tile((0.0, 0.0, -9.8), (n, 1))
     mag = np.stack([0.2 * np.cos(yaw), -0.2 * np.sin(yaw), np.full(n, 0.4)], axis=1)
-    return gyr, acc, mag, np.degrees(yaw) % 360.0
+    return gyr, np.tile((0.0, 0.0, -9.8), (n, 1)), mag, np.degrees(yaw) % 360.0
 
 
-def test_every_name_is_there_and_no_other():
+def test_every_name_is_there_and_no_other_and_no_command_hides_the_function_replay():
     assert all(getattr(fuzzbee, name) is not None for name in fuzzbee.__all__)
     with pytest.raises(AttributeError, match="nonsense"):
         _ = fuzzbee.nonsense
-
-
-def test_the_function_replay_is_not_hidden_by_the_command():
     code = "import fuzzbee.app; from fuzzbee import replay; assert callable(replay)"
     run_python("-c", code, timeout_s=900)
 
@@ -246,8 +242,7 @@ def test_a_turn_to_the_right_is_a_growing_heading():
     # to the right is clockwise: seen from above in ENU it is a falling angle, from 90 deg on
     w, x, y, z = attitudes.q_enu_flu.T
     angle_deg = np.degrees(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
-    expected = (90.0 - heading + 180.0) % 360.0 - 180.0
-    assert angle_deg == pytest.approx(expected, abs=1e-6)
+    assert angle_deg == pytest.approx((90.0 - heading + 180.0) % 360.0 - 180.0, abs=1e-6)
 
 
 def test_before_the_first_sample_that_can_be_used_there_is_no_attitude():
@@ -264,8 +259,7 @@ def test_before_the_first_sample_that_can_be_used_there_is_no_attitude():
     estimator.update_velocity((0.0, 0.0, 0.0))  # of no sample yet: nothing to report
     assert [estimator.update(*LEVEL).time_us for _ in range(3)] == [0, 10_000, 20_000]
     assert not estimator.rejected
-    stays = estimator.update(*LEVEL, time_s=0.0)
-    assert stays.q_ned_frd == pytest.approx((1.0, 0.0, 0.0, 0.0))
+    assert estimator.update(*LEVEL, time_s=0.0).q_ned_frd == pytest.approx((1.0, 0.0, 0.0, 0.0))
     assert estimator.rejected == {"not_later": 1}
 
 

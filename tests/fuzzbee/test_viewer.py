@@ -195,7 +195,9 @@ def test_a_viewer_that_is_closed_is_reported_once():
         assert not sink.is_wanted
 
 
-def test_a_port_that_another_took_meanwhile_is_given_up(monkeypatch):
+def test_a_port_that_another_took_is_given_up_and_no_usage_is_counted(monkeypatch, tmp_path):
+    """Rerun keeps usage figures in its folder for data, and sends them with its next start."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         ports, free = [taken.getsockname()[1]], viewer_process._free_port
@@ -204,6 +206,7 @@ def test_a_port_that_another_took_meanwhile_is_given_up(monkeypatch):
         with closing(viewer_process.ViewerProcess(web=True)) as process:
             assert not ports
             assert is_open(urlsplit(process.page).port)
+    assert not list(tmp_path.rglob("*.json"))
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the kernel's help is Linux's")
@@ -216,8 +219,7 @@ def test_the_viewer_ends_with_us_and_listens_on_loopback_only(number):
         assert port in {number for _, number in found}
         assert all(is_loopback(host) for host, _ in found), found
         process.send_signal(number)
-        status = process.wait(60)
-        assert status == (-9 if number == signal.SIGKILL else 0), process.stderr.read()
+        assert process.wait(60) == (-9 if number == signal.SIGKILL else 0), process.stderr.read()
         wait_for(lambda: not is_open(port), 10.0)
 
 
@@ -244,15 +246,7 @@ def test_the_page_shows_the_attitude_moving(tmp_path):
         assert service.wait(60) == 0, service.stderr.read()
     assert len(shots) == 3
     for before, after in pairwise(shots):
-        changed = np.abs(before - after).max(axis=-1) > 40
-        assert np.sum(changed) > 200  # pixels: the vehicle turns
-
-
-def test_no_usage_figures_are_sent_or_kept(tmp_path, monkeypatch):
-    """Rerun keeps them in its folder for data, and sends them with its next start."""
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    viewer_process.ViewerProcess(web=True).close()
-    assert not list(tmp_path.rglob("*.json"))
+        assert np.sum(np.abs(before - after).max(axis=-1) > 40) > 200  # pixels: the vehicle turns
 
 
 def test_without_the_extra_its_option_is_refused_and_nothing_else(monkeypatch, refused, printed):
