@@ -49,8 +49,7 @@ def test_what_the_current_adds_is_found_apart(tmp_path, reported):
     assert (np.abs(found - own) < 3.0 * sigma).all()
     assert sigma.max() < 1.0
     assert report["matrix_sigma"] is None  # anything else is by chance
-    usual = offset_mgauss(report) - 20.0 * np.array(own)
-    assert usual == pytest.approx(OFFSET_MGAUSS, abs=5.0)
+    assert offset_mgauss(report) - 20.0 * np.array(own) == pytest.approx(OFFSET_MGAUSS, abs=5.0)
     theirs = report["ardupilot"]
     offsets, motors = ([theirs[f"COMPASS_{k}_{axis}"] for axis in "XYZ"] for k in ("OFS", "MOT"))
     assert offsets == pytest.approx([-each for each in OFFSET_MGAUSS], abs=5.0)
@@ -122,8 +121,7 @@ def test_a_log_of_which_much_was_refused_is_named(tmp_path, capsys, verb):
 def test_json_names_what_was_not_flown_and_that_the_compass_is_in_its_place(reported):
     report = reported("calibrate", PLANE)
     assert report["readings"] > reported("calibrate", PLANE, "--from", 60)["readings"]
-    assert report["orientation"] is None
-    assert report["unseen"] == ["bottom", "tail"]
+    assert (report["orientation"], report["unseen"]) == (None, ["bottom", "tail"])
     assert report["matrix_sigma"] is None
     assert report["ardupilot_adds"]
     assert max(report["offset_sigma_gauss"]) < 2e-3  # 1 mG

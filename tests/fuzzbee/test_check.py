@@ -6,7 +6,6 @@ import os
 import shutil
 import signal
 from contextlib import closing
-from math import hypot, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -112,8 +111,7 @@ def test_an_interrupt_of_all_processes_ends_them_without_a_word():
         assert process.poll() is None
     os.killpg(process.pid, signal.SIGHUP)
     _, output = process.communicate(timeout=60)
-    assert process.returncode == 128 + signal.SIGHUP
-    assert output == ""
+    assert (process.returncode, output) == (128 + signal.SIGHUP, "")
     assert not any(map(is_alive, workers))
 
 
@@ -163,7 +161,7 @@ def checked(reported):
 def test_vibration_is_a_high_passed_tone(tmp_path, checked, amplitude, tone_hz, verdict, ripple):
     """A tone's root mean square behind a first-order high-pass is known; 2 Hz leave a ripple."""
     found = checked(shaken(tmp_path, amplitude, tone_hz=tone_hz))["vibration"]
-    wanted = amplitude / sqrt(2.0) * tone_hz / hypot(tone_hz, CORNER_HZ)
+    wanted = amplitude / np.sqrt(2.0) * tone_hz / np.hypot(tone_hz, CORNER_HZ)
     assert found["m_s2"][1] == pytest.approx(wanted, rel=ripple)
     assert found["m_s2"][0] < 0.1
     assert found["verdict"] == verdict
@@ -192,8 +190,7 @@ def with_vibration(folder, autopilot=3, restarts=False):
             return None
         since = seconds - 5.0 if restarts and seconds > 5.0 else seconds
         clips = 7 + int(10.0 * since)
-        made = mavlink().MAVLink_vibration_message(0, 12.0, 40.0, 5.0, clips, 2, 0)
-        return [message, made]
+        return [message, mavlink().MAVLink_vibration_message(0, 12.0, 40.0, 5.0, clips, 2, 0)]
 
     return rewritten(TAKEOFF, folder / "flight.tlog", change)
 

@@ -265,8 +265,7 @@ def test_without_x86_64_v2_the_command_ends_with_a_line_before_numpy(flags, lack
 def test_help_on_a_terminal_keeps_its_defaults():
     """Rich takes brackets for styles."""
     tune = build_command(decorated=True).commands["tune"]
-    option = next(p for p in tune.params if p.name == "cycles")
-    assert r"\[default: 15" in option.help
+    assert r"\[default: 15" in next(p for p in tune.params if p.name == "cycles").help
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Recorded flights, whole and damaged, through the pipeline that runs live."""
 
-from math import inf, radians
-
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -89,7 +87,7 @@ def lost(begin_s, end_s, wrong_m_s):
         (FLIPS, a_third_lost(), 5.0, 0.519),
         # at a ground station's rate velocity makes the error a small part
         (SLOW, lacking(), 40.0, 1.14),
-        (SLOW, without_velocity(0.0, inf), 40.0, 6.43),
+        (SLOW, without_velocity(0.0, np.inf), 40.0, 6.43),
         (SLOW, without_velocity(90.0, 110.0), 40.0, 1.17),
         # from 30 s after the fix on; 10.6 with the field of the Gulf of Guinea
         (PLANE, late, 100.0, 1.09),
@@ -150,4 +148,4 @@ def test_the_autopilots_trim_is_taken_off_before_the_comparison(tmp_path):
         return tuple(known[len(known) // 2].tolist())
 
     turned = log(multiply(conjugate(trimmed(0.0)), trimmed(0.1)))
-    assert turned == pytest.approx((0.1, 0.0, 0.0), abs=radians(1e-6))
+    assert turned == pytest.approx((0.1, 0.0, 0.0), abs=np.radians(1e-6))

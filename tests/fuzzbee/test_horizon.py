@@ -96,8 +96,7 @@ def test_the_tape_shows_how_uncertain_the_heading_is(sigma_deg, cells):
 
 
 def test_a_heading_that_refers_to_nothing_names_no_direction():
-    relative = replace(record(yaw_deg=90.0), heading_reference="none")
-    lines = horizon(relative)
+    lines = horizon(replace(record(yaw_deg=90.0), heading_reference="none"))
     assert "(090°)" in lines[1]
     assert not set("NESW") & set(lines[1])
     assert "no north" in "\n".join(lines[-4:])

@@ -136,9 +136,8 @@ BIAS, STEADY = np.radians((1.0, 1.0, 1.0)), np.array((0.0, 0.0, 1.01 * motion.MO
 )
 def test_when_a_vehicle_moves(rate, turn, push, moving):
     """On its side, both sensors with noise; the gyroscope's leaves its median as it is."""
-    rng = np.random.default_rng(1)
     gyr = rate + 0.004 * np.tile([[0.0, 0.0, -1.0], [0.0] * 3, [0.0] * 3, [0.0, 0.0, 1.0]], (10, 1))
-    acc = np.array([0.0, 9.8, 0.0]) + 0.05 * rng.standard_normal((40, 3))
+    acc = np.array([0.0, 9.8, 0.0]) + 0.05 * np.random.default_rng(1).standard_normal((40, 3))
     gyr[turn] += 0.2
     acc[push] += 1.0
     columns = {"time_us": np.arange(40) * 250_000, "gyr_rad_s": gyr, "acc_m_s2": acc}

@@ -136,8 +136,7 @@ def test_secrets_are_in_no_argument_log_recording_status_or_error(key, port, tmp
         service.send_signal(signal.SIGINT)
         result, output = service.communicate()
     state = (tmp_path / "state" / "fuzzbee" / "signing.json").read_bytes()
-    texts = [result.encode(), output.encode(), state, log.read_bytes(), *arguments, *seen]
-    for text in texts:
+    for text in [result.encode(), output.encode(), state, log.read_bytes(), *arguments, *seen]:
         assert secret not in text
         assert digest not in text
         assert digest.hex().encode() not in text.lower()

@@ -157,8 +157,7 @@ def test_a_file_of_the_kernel_is_empty(verb):
 def test_a_key_that_nobody_writes_into_its_pipe_is_empty(pipe, monkeypatch, refused):
     monkeypatch.setattr(security, "PIPE_S", 0.2)
     run = ("run", f"udpin:127.0.0.1:{free_port()}", "--no-zenoh", "--seconds=0.1")
-    line = refused(*run, f"--signing-key-file={pipe}")
-    assert line == f"fuzzbee: the key file {pipe} is empty"
+    assert refused(*run, f"--signing-key-file={pipe}") == f"fuzzbee: the key file {pipe} is empty"
 
 
 def test_a_key_may_come_by_a_pipe_in_pieces(pipe):

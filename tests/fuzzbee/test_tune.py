@@ -218,8 +218,7 @@ def test_what_is_reported_of_a_result_is_one_story(after, harm, written, line):
 def test_a_log_that_is_held_out_is_not_searched_on(tmp_path, bad_base, tuned):
     other = tmp_path / "other.tlog"
     other.write_bytes(SLOW.read_bytes()[:-100_000])
-    options = ["--hold-out", other, "--base", bad_base, "--force"]
-    answer, _ = tuned(SLOW, other, *options, *FEW)
+    answer, _ = tuned(SLOW, other, "--hold-out", other, "--base", bad_base, "--force", *FEW)
     assert uses(answer) == [(SLOW.name, "tuned on"), ("other.tlog", "held out")]
     assert [flight["name"] for flight in answer["held_out_flights"]] == ["other.tlog"]
 

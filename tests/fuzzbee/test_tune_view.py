@@ -76,7 +76,6 @@ def test_a_viewer_that_ends_ends_nothing_else(tmp_path):
         (viewer,) = descendants(process.pid)
         os.kill(viewer, signal.SIGKILL)
         _, printed = process.communicate(timeout=60)
-        assert process.returncode == 0
-        assert printed == f"fuzzbee: viewer {CLOSED}\n"
+        assert (process.returncode, printed) == (0, f"fuzzbee: viewer {CLOSED}\n")
     assert main([*options, "-o", str(alone)]) == 0
     assert watched.read_bytes() == alone.read_bytes()
