@@ -44,9 +44,8 @@ def begun(*command, **options):
 @contextmanager
 def started(*arguments, **environment):
     """A running command; killed if it is still there at the end."""
-    process = begun(
-        *FUZZBEE, *arguments, env={**os.environ, "PYTHONUNBUFFERED": "1", **environment}
-    )
+    settings = {**os.environ, "PYTHONUNBUFFERED": "1", **environment}
+    process = begun(*FUZZBEE, *arguments, env=settings)
     try:
         yield process
     finally:

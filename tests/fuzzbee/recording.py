@@ -19,6 +19,8 @@ FLIPS = DATA / "sitl_copter_flips.tlog"  # 50 Hz, with the simulator's truth
 TAKEOFF = DATA / "sitl_copter_takeoff.tlog"
 SLOW = DATA / "sitl_copter_4hz.tlog"
 PLANE = DATA / "sitl_plane_4hz.tlog"  # whose autopilot reports a place before it has one
+G = 9.80665  # m/s^2
+WITH_TRUTH = 'axes = "frd"\ntruth = { columns = ["w", "x", "y", "z"] }'  # of a table
 
 
 def recorded(path):
@@ -53,12 +55,8 @@ def bench(path, seed, motion="bench", seconds=120.0, rate_hz=50.0, errors=None):
     errors_seed = (seed if errors is None else errors) or None
     vehicle = SimulatedVehicle(seed, rate_hz, motion, bias=0.0, errors_seed=errors_seed)
     samples = [next(vehicle) for _ in range(round(seconds * rate_hz))]
-    path.with_suffix(".toml").write_text(
-        'axes = "frd"\ncompass_calibrated = true\ntruth = { columns = ["w", "x", "y", "z"] }'
-    )
-    rows = [
-        (*s.gyr_rad_s, *np.divide(s.acc_m_s2, 9.80665), *s.mag_gauss, *s.q_ned_frd) for s in samples
-    ]
+    path.with_suffix(".toml").write_text(f"compass_calibrated = true\n{WITH_TRUTH}")
+    rows = [(*s.gyr_rad_s, *np.divide(s.acc_m_s2, G), *s.mag_gauss, *s.q_ned_frd) for s in samples]
     return table(path, rate_hz, rows, ("mx_gauss", "my_gauss", "mz_gauss", *"wxyz"))
 
 
@@ -92,18 +90,6 @@ def rewritten(log, made, change):
             data += stamp_us.to_bytes(8, "big") + bytes(each)
     made.write_bytes(data)
     return made
-
-
-def with_wrong_attitudes(log, made):
-    """A copy of a log in which every ATTITUDE is rolled by 0.6 rad more."""
-
-    def change(_, message):
-        if message.get_type() != "ATTITUDE":
-            return None
-        message.roll += 0.6
-        return [message]
-
-    return rewritten(log, made, change)
 
 
 def with_iron(log, made, offset_mgauss, matrix=None, left_out=(), current_mgauss_a=None):

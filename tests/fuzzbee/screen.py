@@ -53,21 +53,14 @@ def lines(*vehicles, after_s=0.0):
 
 
 def listing(path, *options):
-    done = subprocess.run(
-        [program(), "rrd", "print", *(options or ("-vv",)), str(path)],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return done.stdout
+    command = [program(), "rrd", "print", *(options or ("-vv",)), path]
+    return subprocess.check_output(command, text=True)
 
 
 def rows(path, entity):
     """How often something was drawn there."""
-    found = re.findall(
-        rf"with (\d+) rows \(.*?\) - {re.escape(entity)} - data", listing(path, "-v")
-    )
-    return sum(map(int, found))
+    pattern = rf"with (\d+) rows \(.*?\) - {re.escape(entity)} - data"
+    return sum(map(int, re.findall(pattern, listing(path, "-v"))))
 
 
 def chunks(path):

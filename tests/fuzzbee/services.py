@@ -5,6 +5,7 @@ import signal
 import socket
 import threading
 import time
+from collections import defaultdict
 from contextlib import contextmanager
 
 import pytest
@@ -104,19 +105,18 @@ class Subscriber:
     """Attitudes and the last status of each vehicle."""
 
     def __init__(self, session):
-        self.attitudes = {}
-        self.statuses = {}
-        session.declare_subscriber("fuzzbee/*/attitude", self.on_attitude)
-        session.declare_subscriber("fuzzbee/*/status", self.on_status)
+        self.attitudes, self.statuses = defaultdict(list), {}
+        for kind in ("attitude", "status"):
+            session.declare_subscriber(f"fuzzbee/*/{kind}", self.take)
 
-    def on_attitude(self, sample):
-        name = str(sample.key_expr).split("/")[1]
+    def take(self, sample):
+        _, name, kind = str(sample.key_expr).split("/")
         record = json.loads(sample.payload.to_string())
-        self.attitudes.setdefault(name, []).append((time.time(), record))
+        if kind == "attitude":
+            self.attitudes[name].append((time.time(), record))
+        else:
+            self.statuses[name] = record
 
-    def on_status(self, sample):
-        name = str(sample.key_expr).split("/")[1]
-        self.statuses[name] = json.loads(sample.payload.to_string())
-
-    def count(self, name):
-        return len(self.attitudes.get(name, ()))
+    def wait_for_attitudes(self, count):
+        """Of each of four vehicles more than so many."""
+        wait_for(lambda: all(len(self.attitudes[name]) > count for name in "1234"), 30.0)

@@ -7,7 +7,7 @@ import pytest
 from fuzzbee.app import build_command
 from fuzzbee.cli import main
 from fuzzbee.version import __version__
-from tests.fuzzbee.recording import DATA, FLIPS, TAKEOFF
+from tests.fuzzbee.recording import DATA, FLIPS, PLANE, TAKEOFF
 from tests.programs import run_python
 
 
@@ -27,7 +27,6 @@ SIM, WRONG = ["replay", "sim:"], "--start-wrong"
 NOWHERE = ("-l", "tcp/127.0.0.1:0", "-e", "tcp/127.0.0.1:9")
 BAD = [
     (["nosuch"], "nosuch"),
-    (["run", "--bogus"], "--bogus"),
     *((["run", "--rate", rate], f"--rate {rate}") for rate in ("0", "-5", "nan", "inf", "2000")),
     (["run", "--rate", "x"], "--rate x: should be a number\n"),
     *((["run", name, "0"], f"{name} 0") for name in ("--seconds", "--speed", "--request-rate")),
@@ -49,7 +48,6 @@ BAD = [
     (["watch", "-n", "x"], "--count x: should be a whole number\n"),
     (["run", "--profil", "imu"], "(Possible options: --profile)"),
     (["run", "--no-zenoh", "sim:", "--allow-system-ids", "1"], "ids is for a MAVLink link"),
-    (["run", "--workers", "2"], "No such option: --workers"),
     (["run", "--baud", "57600"], "No such option: --baud\n"),
     *(
         (["run", "udpout:127.0.0.1:9", f"--allow-system-ids={ids}"], "--allow-system-ids")
@@ -90,16 +88,22 @@ BAD = [
     (["watch", "-m", "client", "-e", "tcp/127.0.0.1:9"], "tcp/127.0.0.1:9: nobody answers\n"),
     (["check", "missing.tlog"], "missing.tlog"),
     (["check", "."], "no log in this folder"),
+    (["calibrate", str(TAKEOFF)], "too few turns"),
+    (["calibrate", str(DATA / "rover_no_magnetometer.tlog")], "no magnetometer"),
+    (["calibrate", str(PLANE), str(PLANE)], "20 samples a second"),
+    *(
+        (["calibrate", str(PLANE), "--place", place], "fuzzbee: --place")
+        for place in ("here", "47.4", "90,0", "nan,8", "47,1000", "1,2,3")
+    ),
     # of replay, before anything is read
     (["replay", "sim:", "--seeds", "9-3"], "9-3"),
     (["replay", "sim:", "--seeds", "x"], "--seeds x"),
     (["replay", "sim:", "--profile", "imu"], "raw vectors"),
     (["replay", "sim:", "--profile", "folder.png"], "cannot be read: Is a directory"),
     (["profile", "check", "mine.toml"], "did you mean 'gamma'?"),
-    (["replay", "sim:", "--skip", "1"], "--skip"),
     *(
-        ([*SIM, *option], f"{option[0]} is for logs")
-        for option in (["--smooth"], ["--retune"], ["--from", "3"], ["--mcap", "a.mcap"])
+        ([*SIM, *option.split()], f"{option.split()[0]} is for logs")
+        for option in ("--smooth", "--retune", "--from 3", "--mcap a.mcap", "--skip 1")
     ),
     ([*SIM, "a.tlog"], "sim:"),
     (["replay", "a.tlog", "--smooth", "--retune"], "--retune"),
@@ -128,6 +132,9 @@ BAD = [
     (["replay", "sim:", "--csv", "missing/a.csv"], "missing"),
     (["replay", "a.tlog", "--plot", "missing/a.png"], "there is no such folder"),
     (["replay", "a.tlog", "--plot", "folder.png"], "is a folder"),
+    # "" is what a variable of the shell is that nobody has set
+    *((["tune", "sim:", "-o", name], "a folder, not a file") for name in ("", "/", "..")),
+    *((["replay", str(FLIPS), "--tum", name], "is a folder") for name in ("", "/", "..")),
     (["replay", "a.tlog", "--csv", "/proc/a.csv"], "/proc/a.csv: No such file"),
 ]
 
@@ -163,9 +170,7 @@ def test_a_signal_before_watch_is_ready_ends_it_well(monkeypatch, number):
 @pytest.mark.parametrize(
     ("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)]
 )
-def test_an_interrupted_replay_ends_with_its_status_and_leaves_no_half_of_a_file(
-    monkeypatch, tmp_path, number, status
-):
+def test_an_interrupted_replay_leaves_its_status_and_no_file(monkeypatch, tmp_path, number, status):
     def columns(*_):
         yield {"time_s": np.zeros(1)}
         signal.raise_signal(number)
@@ -190,19 +195,13 @@ def test_an_interrupt_that_a_library_makes_another_error_of_is_one(monkeypatch):
 
 # Python would end by SIGINT, although the interrupt has been handled.
 IN_A_TEXT = """
-import sys
 from fuzzbee import cli
-
-def interrupted(arguments):
-    exec("raise KeyboardInterrupt")
-
-cli._run_verb = interrupted
+cli._run_verb = lambda arguments: exec("raise KeyboardInterrupt")
 cli.entry_point()
 """
 LEFT_FOR_THE_END = """
 import atexit
 from fuzzbee import cli
-
 atexit.register(print, "the end")
 cli.entry_point()
 """
@@ -210,13 +209,11 @@ cli.entry_point()
 DURING_THE_IMPORTS = """
 import os, signal
 from fuzzbee import sigint_guard
-
 os.kill(os.getpid(), signal.SIGINT)
 print("went on")
 """
 AFTER_THE_IMPORTS = """
 import os, signal, fuzzbee.cli
-
 try:
     os.kill(os.getpid(), signal.SIGINT)
 except KeyboardInterrupt:
@@ -258,21 +255,17 @@ atexit.register(lambda: print("numpy" in sys.modules)); cli.entry_point()
 )
 def test_without_x86_64_v2_the_command_ends_with_a_line_before_numpy(flags, lacking, tmp_path):
     if flags is not None:
-        text = f"processor\t: 0\nflags\t\t: {flags}\nbogomips\t: 1\n"
-        (tmp_path / "cpuinfo").write_text(text)
+        (tmp_path / "cpuinfo").write_text(f"processor\t: 0\nflags\t\t: {flags}\nbogomips\t: 1\n")
     ended = run_python("-c", ON_A_PROCESSOR, timeout_s=900, folder=tmp_path, check=False)
     assert ended.stdout.splitlines()[-1] == "False"
-    reported = (
-        f"fuzzbee: this processor has no {lacking}: numpy needs x86-64-v2\n" if lacking else ""
-    )
-    assert (ended.returncode, ended.stderr) == (int(bool(lacking)), reported)
+    line = f"fuzzbee: this processor has no {lacking}: numpy needs x86-64-v2\n"
+    assert (ended.returncode, ended.stderr) == ((1, line) if lacking else (0, ""))
 
 
 def test_help_on_a_terminal_keeps_its_defaults():
     """Rich takes brackets for styles."""
     tune = build_command(decorated=True).commands["tune"]
-    option = next(p for p in tune.params if p.name == "cycles")
-    assert r"\[default: 15" in option.help
+    assert r"\[default: 15" in next(p for p in tune.params if p.name == "cycles").help
 
 
 @pytest.mark.parametrize(

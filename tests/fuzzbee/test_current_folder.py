@@ -8,7 +8,7 @@ import pytest
 from drivers.mavlink.signing import state_path
 from estimator.compilation.kernel_folder import user_cache
 from tests.fuzzbee.recording import TAKEOFF
-from tests.programs import ROOT, run_python, set_trap
+from tests.programs import run_python, set_trap
 
 # what the installed command runs: its own folder is the first place to look for modules
 SCRIPT = "import sys\nfrom fuzzbee.cli import entry_point\nsys.exit(entry_point())\n"
@@ -39,10 +39,6 @@ def test_programs_in_the_current_folder_are_not_run(tmp_path, spelling, argument
         shutil.rmtree(trap / "fuzzbee")
     run(trap, *(["-m", "fuzzbee"] if spelling == "module" else [str(script)]), *arguments)
     assert not (trap / "sprung").exists(), (trap / "sprung").read_text()
-
-
-def test_a_source_checkout_runs_from_its_own_folder():
-    run(ROOT, "-m", "fuzzbee", "--version")
 
 
 def test_settings_for_numba_in_the_current_folder_are_not_read(tmp_path):

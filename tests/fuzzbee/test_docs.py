@@ -20,7 +20,7 @@ from fuzzbee.cli import main
 from fuzzbee.verdict import HEADING_DEG, HORIZON_DEG, WORDS
 from service.records import AttitudeRecord, StatusRecord
 from tests.fuzzbee.processes import begun, default_session, free_port, started
-from tests.fuzzbee.recording import recorded
+from tests.fuzzbee.recording import FLIPS, recorded
 from tests.fuzzbee.services import await_line
 from tests.programs import run_python
 from tests.service.sessions import heard, opened, wait_for
@@ -46,11 +46,10 @@ def section(name, title):
     return read(name).split(f"\n## {title}\n")[1].split("\n## ")[0]
 
 
-@pytest.mark.parametrize(
-    ("title", "record"), [("Attitude", AttitudeRecord), ("Status", StatusRecord)]
-)
-def test_every_published_field_is_documented(title, record):
-    documented = re.findall(r"^\| `(\w+)` \|", section("zenoh.md", title), re.MULTILINE)
+@pytest.mark.parametrize("record", [AttitudeRecord, StatusRecord])
+def test_every_published_field_is_documented(record):
+    table = section("zenoh.md", record.__name__.removesuffix("Record"))
+    documented = re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)
     assert documented == [field.encode_name for field in msgspec.structs.fields(record)]
 
 
@@ -66,27 +65,18 @@ def test_every_file_that_is_named_is_there(name):
 def test_the_zenoh_examples_work_as_they_stand():
     """Only the port is another, so that tests do not meet."""
     port = free_port()
-    subscriber, replacement = (
-        text.replace("127.0.0.1:7447", f"127.0.0.1:{port}")
-        for text in blocks("python", read("zenoh.md"))
-    )
+    examples = blocks("python", read("zenoh.md").replace("127.0.0.1:7447", f"127.0.0.1:{port}"))
+    subscriber, replacement = examples
     assert len([line for line in subscriber.splitlines() if line]) <= 10
     with started("run", "--json", *default_session(port)) as service:
         await_line(service, "running")
-        lines = first_lines(subscriber)
-        changed = run_python("-c", replacement, timeout_s=120)
+        with begun(sys.executable, "-u", "-c", subscriber, stderr=None) as process:
+            lines = [process.stdout.readline() for _ in range(5)]
+            process.kill()
+        profile = json.loads(run_python("-c", replacement, timeout_s=120).stdout)
     for line in lines:
         assert re.fullmatch(r"fuzzbee/1/attitude running \[(-?[\d.e-]+(, )?){3}\]\n", line)
-    profile = json.loads(changed.stdout)
-    assert profile["filter"]["gamma"] == 0.5
-    assert profile["confidence"]["magnetic"] == 0.2
-
-
-def first_lines(code, count=5):
-    with begun(sys.executable, "-u", "-c", code, stderr=None) as process:
-        lines = [process.stdout.readline() for _ in range(count)]
-        process.kill()
-    return lines
+    assert (profile["filter"]["gamma"], profile["confidence"]["magnetic"]) == (0.5, 0.2)
 
 
 def command_lines():
@@ -136,10 +126,9 @@ def test_every_reason_for_a_refusal_is_explained():
 @pytest.mark.parametrize("number", [0, 1, 2, 3])
 def test_the_python_examples_run_as_they_stand(number, tmp_path, monkeypatch, capsys):
     """On the arrays and the log that they name, made of a recorded flight."""
-    log = DOCS.parent / "tests/data/sitl_copter_flips.tlog"
-    time_s, gyr, acc, mag, velocity, truth = recorded(log)
+    time_s, gyr, acc, mag, velocity, truth = recorded(FLIPS)
     np.savez(tmp_path / "imu.npz", time=time_s, gyr=gyr, acc=acc, mag=mag, velocity=velocity)
-    (tmp_path / "flight.tlog").write_bytes(log.read_bytes())
+    (tmp_path / "flight.tlog").write_bytes(FLIPS.read_bytes())
     monkeypatch.chdir(tmp_path)
     names = {}
     exec(compile(blocks("python", read("python.md"))[number], "python.md", "exec"), names)
@@ -149,36 +138,33 @@ def test_the_python_examples_run_as_they_stand(number, tmp_path, monkeypatch, ca
         assert np.degrees(errors[0, 2]) < 1.0
 
 
-def made(peer, rate_hz):
+RATE_HZ = 100.0
+
+
+def named(peer):
     """What the table's words of a filter name."""
     module = pytest.importorskip(peer)
     if peer == "vqf":
-        return {"VQF": module.VQF, "vqf": module.VQF(1.0 / rate_hz)}
+        return {"VQF": module.VQF, "vqf": module.VQF(1.0 / RATE_HZ)}
     if peer == "ahrs":
         kind = module.filters.Madgwick
-        return {"Madgwick": kind, "madgwick": kind(frequency=rate_hz), "q": np.eye(4)[0]}
+        return {"Madgwick": kind, "madgwick": kind(frequency=RATE_HZ), "q": np.eye(4)[0]}
     if peer == "fuzzbee":
         return {"Estimator": module.Estimator, "frd": (1.0, -1.0, -1.0)}
     settings, ahrs = module.AhrsSettings(), module.Ahrs()
-    settings.sample_rate = rate_hz
+    settings.sample_rate = RATE_HZ
     ahrs.set_settings(settings)
     return {"ahrs": ahrs}
 
 
-def rolled(rate_hz):
-    """A level vehicle that rolls to 30 degrees; x forward, y left, z up."""
+def rolled():
+    """Readings of a level vehicle that rolls to 30 degrees; x forward, y left, z up."""
     roll_deg = np.array((*[0.0] * 300, *np.arange(0.0, 30.0, 0.3), *[30.0] * 100))
     turning = (roll_deg > 0.0) & (roll_deg < 30.0)
     none, roll = np.zeros(len(roll_deg)), np.radians(roll_deg)
     up = np.column_stack((none, np.sin(roll), np.cos(roll)))
-    gyr = np.column_stack((np.radians(0.3 * rate_hz) * turning, none, none))
-    return gyr, 9.81 * up, np.array((20.0, 0.0, 0.0)) - 40.0 * up
-
-
-def cells_of(peer):
-    """What the table has of a filter: its batch, and its one call a sample."""
-    (cells,) = re.findall(rf"^\| {peer} \| (.*) \| (.*) \|$", read("python.md"), re.MULTILINE)
-    return cells
+    gyr = np.column_stack((np.radians(0.3 * RATE_HZ) * turning, none, none))
+    return {"gyr": gyr, "acc": 9.81 * up, "mag": np.array((20.0, 0.0, 0.0)) - 40.0 * up}
 
 
 def tilt_deg(quaternion):
@@ -189,9 +175,8 @@ def tilt_deg(quaternion):
 @pytest.mark.parametrize("peer", ["vqf", "ahrs", "imufusion", "fuzzbee"])
 def test_the_words_of_filters_are_theirs(peer):
     """The batch of those that have one, and one call a sample."""
-    batch, single = cells_of(peer)
-    names = {"np": np, "f": 100.0, **made(peer, 100.0)}
-    readings = dict(zip(("gyr", "acc", "mag"), rolled(100.0), strict=True))
+    ((batch, single),) = re.findall(rf"(?m)^\| {peer} \| (.*) \| (.*) \|$", read("python.md"))
+    names, readings = {"np": np, "f": RATE_HZ, **named(peer)}, rolled()
     if peer != "imufusion":
         words = re.search(r"`(.*?)`", batch)[1]
         assert tilt_deg(eval(words, names | readings)[-1]) == pytest.approx(30.0, abs=1.0)
@@ -206,39 +191,23 @@ def test_the_words_of_filters_are_theirs(peer):
 # --- the example of docs/security.md, run as it stands there
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Certificates by the example's own commands."""
+@pytest.fixture
+def configured(tmp_path):
+    """Configurations of the example, with certificates by its own commands and another port."""
     if shutil.which("openssl") is None:
         pytest.skip("needs openssl")
-    made = tmp_path_factory.mktemp("tls")
-    script = EXAMPLE / "certificates.sh"
-    subprocess.run(["sh", "-e", str(script)], cwd=made, check=True, capture_output=True)
-    return made
+    script, port = EXAMPLE / "certificates.sh", free_port()
+    subprocess.run(["sh", "-e", str(script)], cwd=tmp_path, check=True, capture_output=True)
 
+    def configuration(name):
+        file = EXAMPLE / ("service.json5" if name == "service" else "tablet.json5")
+        text = file.read_text("utf-8").replace(":7447", f":{port}").replace("tablet.", f"{name}.")
+        text = re.sub(r'"(\w+\.(?:pem|key))"', lambda m: json.dumps(str(tmp_path / m[1])), text)
+        path = tmp_path / f"{name}.json5"
+        path.write_text(text)
+        return str(path)
 
-@pytest.fixture
-def port():
-    return free_port()
-
-
-def configuration(folder, port, name):
-    """A configuration of the example, with its files found and another port."""
-    file = EXAMPLE / ("service.json5" if name == "service" else "tablet.json5")
-    text = file.read_text("utf-8").replace(":7447", f":{port}").replace("tablet.", f"{name}.")
-    text = re.sub(r'"(\w+\.(?:pem|key))"', lambda m: json.dumps(str(folder / m[1])), text)
-    path = folder / f"{name}-{port}.json5"
-    path.write_text(text)
-    return path
-
-
-def secured(folder, port):
-    config = configuration(folder, port, "service")
-    return started("run", "sim:", "--rate", "20", "--json", "-c", str(config))
-
-
-def client(folder, port, name):
-    return opened(zenoh.Config.from_file(str(configuration(folder, port, name))))
+    return configuration
 
 
 def first_attitude(session):
@@ -252,24 +221,23 @@ def answers(session, key, payload=None):
     return [reply.ok.payload.to_string() for reply in replies if reply.ok is not None]
 
 
-def test_the_tablet_reads_and_the_office_changes(folder, port):
+def test_the_tablet_reads_the_office_changes_and_without_a_certificate_nobody_gets_in(configured):
     change = json.dumps({"filter": {"gamma": 2.0}})
-    with secured(folder, port):
-        with client(folder, port, "tablet") as tablet:
-            assert first_attitude(tablet)["schema"] == 1
-            wait_for(lambda: answers(tablet, "fuzzbee/*/status"), 120.0)
-            assert answers(tablet, "fuzzbee/1/parameters", change) == []
-        with client(folder, port, "office") as office:
+
+    def client(name):
+        return opened(zenoh.Config.from_file(configured(name)))
+
+    with started("run", "sim:", "--rate", "20", "--json", "-c", configured("service")):
+        with client("office") as office:
             assert first_attitude(office)["schema"] == 1
             wait_for(lambda: answers(office, "fuzzbee/1/parameters", change), 120.0)
             (profile,) = answers(office, "fuzzbee/1/parameters", change)
             assert json.loads(profile)["filter"]["gamma"] == 2.0
-
-
-def test_without_a_certificate_nobody_gets_in(folder, port):
-    with secured(folder, port), client(folder, port, "tablet") as tablet:
-        assert first_attitude(tablet) is not None
-        config = zenoh.Config.from_file(str(configuration(folder, port, "nobody")))
+        with client("tablet") as tablet:
+            assert first_attitude(tablet)["schema"] == 1
+            wait_for(lambda: answers(tablet, "fuzzbee/*/status"), 120.0)
+            assert answers(tablet, "fuzzbee/1/parameters", change) == []
+        config = zenoh.Config.from_file(configured("nobody"))
         for key in ("connect_certificate", "connect_private_key"):
             config.insert_json5(f"transport/link/tls/{key}", "null")
         config.insert_json5("transport/link/tls/enable_mtls", "false")

@@ -9,6 +9,7 @@ import pytest
 
 from drivers.logs import table
 from estimator.geometry.frames import swap_ned_enu
+from estimator.geometry.metrics import rms
 from tests.fuzzbee.recording import DATA, SLOW, frames_of
 from tests.programs import run_python
 
@@ -45,8 +46,7 @@ def test_csv_holds_every_sample_with_its_reference(rows_of):
     assert len(rows) == report["imu"]["samples"]
     assert float(rows[-1]["time_s"]) == pytest.approx(report["duration_s"])
     compared = [float(r["error_inclination_deg"]) for r in rows if r["error_inclination_deg"]]
-    squares = sum(e * e for e in compared) / len(compared)
-    assert squares**0.5 == pytest.approx(report["error_deg"]["inclination_rms"], rel=1e-6)
+    assert rms(compared) == pytest.approx(report["error_deg"]["inclination_rms"], rel=1e-6)
 
 
 def test_parquet_has_the_rows_of_the_csv(rows_of, tmp_path, monkeypatch):
@@ -86,10 +86,8 @@ def read_mcap(path):
     """(schema, topic, time in ns, data) of every message."""
     reader = pytest.importorskip("mcap.reader", reason="the extra 'mcap' is not installed")
     with path.open("rb") as file:
-        return [
-            (schema, channel.topic, message.log_time, message.data)
-            for schema, channel, message in reader.make_reader(file).iter_messages()
-        ]
+        messages = reader.make_reader(file).iter_messages()
+        return [(schema, channel.topic, m.log_time, m.data) for schema, channel, m in messages]
 
 
 def stamps_of(path):
@@ -99,14 +97,6 @@ def stamps_of(path):
     with closing(mavutil.mavlink_connection(str(path))) as log:
         messages = iter(lambda: log.recv_match(type="RAW_IMU"), None)
         return [message._timestamp for message in messages]
-
-
-def test_a_reboot_moves_the_dates_at_once(rows_of):
-    log = DATA / "copter_reboot.tlog"
-    dates = column(rows_of(log)[1], "time_unix_s")
-    stamps = np.array([-np.inf, *stamps_of(log), np.inf])
-    after = stamps[np.searchsorted(stamps, dates)] - dates
-    assert after.max() < 1.0  # a radio holds it back for 0.64 s at most
 
 
 def test_dates_are_those_of_the_log(rows_of):
@@ -193,7 +183,12 @@ def test_csv_of_the_experiment_gives_its_cost_and_its_settling(rows_of):
     assert np.mean(column(rows, "gain")) == pytest.approx(report["mean_gain"], rel=1e-6)
 
 
-def test_dates_never_go_back_though_the_recorder_s_clock_was_set_back(rows_of, tmp_path):
+def test_a_reboot_moves_the_dates_at_once_and_a_clock_that_is_set_never_back(rows_of, tmp_path):
+    log = DATA / "copter_reboot.tlog"
+    dates = column(rows_of(log)[1], "time_unix_s")
+    stamps = np.array([-np.inf, *stamps_of(log), np.inf])
+    after = stamps[np.searchsorted(stamps, dates)] - dates
+    assert after.max() < 1.0  # a radio holds it back for 0.64 s at most
     log = restamped(tmp_path / "back.tlog", lambda us, share: us - 2_000_000 * (share > 0.5))
     dates = column(rows_of(log)[1], "time_unix_s")
     assert len(dates) > 500
@@ -202,15 +197,13 @@ def test_dates_never_go_back_though_the_recorder_s_clock_was_set_back(rows_of, t
 
 # --- logs of more samples than are held in memory: the same figures and files
 
-WRITTEN = {"--csv": "flight.csv", "--tum": "flight.tum", "--mcap": "flight.mcap"}
-
 
 @pytest.fixture
 def written(replayed, tmp_path):
     """The figures, and what was written."""
 
     def run(log, *options):
-        files = [part for name, file in WRITTEN.items() for part in (name, tmp_path / file)]
+        files = [f"--{kind}={tmp_path}/flight.{kind}" for kind in ("csv", "tum", "mcap")]
         figures = replayed(DATA / log, *files, *options)
         del figures["wall_s"]
         return figures, {path.name: path.read_bytes() for path in tmp_path.iterdir()}
@@ -257,7 +250,6 @@ def most_kb():
     line = next(each for each in open("/proc/self/status") if each.startswith("VmHWM"))
     return int(line.split()[1])  # of this program alone, unlike ru_maxrss
 
-
 trace, n = VehicleTrace(VehicleId(1, 1)), 1_440_000
 trace.vehicle = Vehicle(trace.address, Estimator(load_profile("imu")))
 before_kb = most_kb()  # libraries without bytecode take 60 MB more to import
@@ -276,7 +268,6 @@ print(report.imu.samples, most_kb() - before_kb)
 
 
 def test_an_hour_at_400_hz_takes_no_more_memory_than_its_columns_one_by_one():
-    done = run_python("-c", LONG, timeout_s=900)
-    samples, taken_kb = map(int, done.stdout.split())
+    samples, taken_kb = map(int, run_python("-c", LONG, timeout_s=900).stdout.split())
     assert samples == 1_440_000
     assert taken_kb < 186_000

@@ -10,19 +10,28 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from fuzzbee.replays.plot import Thinned
 from tests.fuzzbee import browser
-from tests.fuzzbee.recording import DATA, FLIPS, SLOW, TAKEOFF, rewritten, table
+from tests.fuzzbee.recording import DATA, FLIPS, SLOW, TAKEOFF, WITH_TRUTH, rewritten, table
 
-for module in ("matplotlib", "plotly"):
-    pytest.importorskip(module, reason="an extra is not installed")
+Figure = pytest.importorskip("matplotlib.figure", reason="an extra is not installed").Figure
+pytest.importorskip("plotly", reason="an extra is not installed")
 
 
 @pytest.fixture
 def page(replayed, tmp_path):
-    """The curves and the layout of a replay's page."""
+    """The curves of a replay's page by panel and name, with their y, and its layout."""
+
+    def values(y):
+        if isinstance(y, dict):
+            return np.frombuffer(base64.b64decode(y["bdata"]), y["dtype"])
+        return np.array(y, float)
 
     def draw(*arguments):
         replayed(*arguments, "--plot", tmp_path / "a.html")
-        return page_of(tmp_path / "a.html")
+        text = (tmp_path / "a.html").read_text("utf-8")
+        begin = text.index("[", text.rindex("Plotly.newPlot("))
+        data, end = json.JSONDecoder().raw_decode(text, begin)
+        layout, _ = json.JSONDecoder().raw_decode(text, text.index("{", end))
+        return {(t["yaxis"], t["name"]): values(t["y"]) for t in data if "name" in t}, layout
 
     return draw
 
@@ -30,30 +39,14 @@ def page(replayed, tmp_path):
 @pytest.fixture
 def drawn(monkeypatch):
     """The figures that are written."""
-    figure_type = pytest.importorskip("matplotlib.figure").Figure
-    figures, save = [], figure_type.savefig
+    figures, save = [], Figure.savefig
 
     def keep(figure, *arguments, **options):
         figures.append(figure)
         save(figure, *arguments, **options)
 
-    monkeypatch.setattr(figure_type, "savefig", keep)
+    monkeypatch.setattr(Figure, "savefig", keep)
     return figures
-
-
-def page_of(path):
-    """The curves by panel and name, with their y, and the layout of a page."""
-    text = path.read_text("utf-8")
-    begin = text.index("[", text.rindex("Plotly.newPlot("))
-    data, end = json.JSONDecoder().raw_decode(text, begin)
-    layout, _ = json.JSONDecoder().raw_decode(text, text.index("{", end))
-
-    def values(y):
-        if isinstance(y, dict):
-            return np.frombuffer(base64.b64decode(y["bdata"]), y["dtype"])
-        return np.array(y, float)
-
-    return {(t["yaxis"], t["name"]): values(t["y"]) for t in data if "name" in t}, layout
 
 
 def legends_apart(figure):
@@ -68,7 +61,7 @@ def legends_apart(figure):
     return len(legends)
 
 
-def test_curves_are_the_reports_figures_on_paper_and_on_the_page(replayed, page, tmp_path, drawn):
+def test_curves_are_the_reports_figures_and_legends_are_apart(replayed, page, tmp_path, drawn):
     report = replayed(SLOW, "--plot", tmp_path / "a.png")
     curves, layout = page(SLOW)
     assert legends_apart(drawn[0]) == 5
@@ -80,16 +73,16 @@ def test_curves_are_the_reports_figures_on_paper_and_on_the_page(replayed, page,
         assert rms == pytest.approx(errors["inclination_rms"])
     on_paper = [text.get_text() for ax in drawn[0].axes for text in ax.texts]
     assert on_paper == [each["text"] for each in layout["annotations"]]
+    replayed("sim:", "--seeds", "300-302", "--plot", tmp_path / "a.png")
+    assert (legends_apart(drawn[1]), len(drawn[1].axes)) == (2, 7)
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf", "html"])
-@pytest.mark.parametrize(
-    "source", [(SLOW,), ("sim:", "--profile", "adaptive", "--seeds", "300-301")]
-)
-def test_the_same_figure_twice_is_the_same_bytes(replayed, tmp_path, suffix, source):
+@pytest.mark.parametrize("what", [(SLOW,), ("sim:", "--profile", "adaptive", "--seeds", "300-301")])
+def test_the_same_figure_twice_is_the_same_bytes(replayed, tmp_path, suffix, what):
     first, second = (tmp_path / f"{name}.{suffix}" for name in "ab")
     for file in (first, second):
-        replayed(*source, "--plot", file)
+        replayed(*what, "--plot", file)
     assert first.stat().st_size > 10_000
     assert first.read_bytes() == second.read_bytes()
 
@@ -104,9 +97,7 @@ def disturbed(path):
         truth = (1, 0, 0, 0) if t < 35.0 else ("",) * 4
         rows.append(None if 40.0 <= t < 45.0 else (*gyr, 0.0, 0.0, -1.0, *mag, *truth))
     columns = (*(f"m{axis}_gauss" for axis in "xyz"), *"wxyz")
-    table(path, 20.0, rows, columns).with_suffix(".toml").write_text(
-        'axes = "frd"\ntruth = { columns = ["w", "x", "y", "z"] }'
-    )
+    table(path, 20.0, rows, columns).with_suffix(".toml").write_text(WITH_TRUTH)
     return path
 
 
@@ -183,12 +174,6 @@ def test_where_nothing_is_to_compare_a_figure_has_a_line(replayed, page, tmp_pat
     assert texts.count("nothing to compare with") == 2
 
 
-def test_no_legend_of_the_papers_figures_lies_on_its_data(replayed, tmp_path, drawn):
-    replayed("sim:", "--seeds", "300-302", "--plot", tmp_path / "a.png")
-    assert legends_apart(drawn[0]) == 2
-    assert len(drawn[0].axes) == 7
-
-
 def test_of_many_points_the_peaks_are_drawn_and_no_line_across_a_gap():
     """Of 30,000 samples every other is drawn, the first behind the gap with the largest."""
     time_s = np.arange(30_000) * 0.01
@@ -205,8 +190,7 @@ def test_of_many_points_the_peaks_are_drawn_and_no_line_across_a_gap():
 def test_an_angle_is_cut_at_the_sample_behind_its_wrap(page):
     curves, _ = page(FLIPS)
     for panel in ("y", "y2", "y3"):
-        steps = np.diff(curves[panel, "estimate"])
-        assert np.nanmax(np.abs(steps)) < 180.0
+        assert np.nanmax(np.abs(np.diff(curves[panel, "estimate"]))) < 180.0
     assert np.isnan(curves["y", "estimate"]).sum() == 2  # two rolls, right round
 
 
@@ -234,21 +218,18 @@ def test_modes_arming_and_warnings_are_named(page, tmp_path, options, expected):
         kept = [] if message.get_type() == "HEARTBEAT" else [message]
         return [*due, *kept] if due or not kept else None
 
-    log = rewritten(TAKEOFF, tmp_path / "sent.tlog", change)
-    _, layout = page(log, *options)
+    _, layout = page(rewritten(TAKEOFF, tmp_path / "sent.tlog", change), *options)
     named = [(each["x"], each["text"]) for each in layout["annotations"] if each["xref"] == "x"]
     assert sorted(name for _, name in named) == sorted(expected)
     assert [x for x, _ in named] == sorted(x for x, _ in named)
-
-
-LAYOUT = "document.getElementById('fuzzbee')._fullLayout"
 
 
 @pytest.mark.skipif(browser.program() is None, reason="there is no Chromium")
 def test_the_panels_of_a_page_zoom_together_without_a_network(page, tmp_path):
     """The mouse is drawn over the second quarter of the third panel."""
     page(SLOW)
-    of = f"Object.keys({LAYOUT}).filter(k => k.startsWith('xaxis')).map(k => {LAYOUT}[k].range)"
+    layout = "document.getElementById('fuzzbee')._fullLayout"
+    of = f"Object.keys({layout}).filter(k => k.startsWith('xaxis')).map(k => {layout}[k].range)"
     panel = "document.querySelector('.nsewdrag[data-subplot=x3y3]').getBoundingClientRect()"
     options = "document.querySelector('pre').textContent"
     with browser.page("about:blank", tmp_path / "browser") as seen:

@@ -1,7 +1,5 @@
 """Recorded flights, whole and damaged, through the pipeline that runs live."""
 
-from math import inf, radians
-
 import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
@@ -89,7 +87,7 @@ def lost(begin_s, end_s, wrong_m_s):
         (FLIPS, a_third_lost(), 5.0, 0.519),
         # at a ground station's rate velocity makes the error a small part
         (SLOW, lacking(), 40.0, 1.14),
-        (SLOW, without_velocity(0.0, inf), 40.0, 6.43),
+        (SLOW, without_velocity(0.0, np.inf), 40.0, 6.43),
         (SLOW, without_velocity(90.0, 110.0), 40.0, 1.17),
         # from 30 s after the fix on; 10.6 with the field of the Gulf of Guinea
         (PLANE, late, 100.0, 1.09),
@@ -100,20 +98,15 @@ def lost(begin_s, end_s, wrong_m_s):
         (TAKEOFF, lost(15.0, 25.0, 4.0), 5.0, 0.287),
     ],
 )
-def test_a_flight_is_estimated_as_well_as_was_measured(
-    tmp_path, source, change, skip_s, measured_deg
-):
+def test_a_flight_is_estimated_as_was_measured(tmp_path, source, change, skip_s, measured_deg):
     """What is reported without a fix is left out."""
     report = changed(tmp_path, change, source, skip_s).report
     assert report.error_deg.total_rms == pytest.approx(measured_deg, rel=0.2)
 
 
 def test_velocity_without_a_fix_is_left_out_to_the_last_digit(tmp_path):
-    a_little, much = (
-        changed(tmp_path, lost(80.0, 110.0, m_s), PLANE, 40.0).report.error_deg
-        for m_s in (0.0, 8.0)
-    )
-    assert a_little == much
+    right, wrong = (changed(tmp_path, lost(80, 110, m_s), PLANE, 40.0).report for m_s in (0.0, 8.0))
+    assert right.error_deg == wrong.error_deg
 
 
 def test_sigma_is_honest_at_a_ground_stations_rate_and_larger_where_errors_are_larger():
@@ -155,4 +148,4 @@ def test_the_autopilots_trim_is_taken_off_before_the_comparison(tmp_path):
         return tuple(known[len(known) // 2].tolist())
 
     turned = log(multiply(conjugate(trimmed(0.0)), trimmed(0.1)))
-    assert turned == pytest.approx((0.1, 0.0, 0.0), abs=radians(1e-6))
+    assert turned == pytest.approx((0.1, 0.0, 0.0), abs=np.radians(1e-6))

@@ -4,8 +4,8 @@ import io
 import math
 import re
 
-import msgspec
 import pytest
+from msgspec.structs import replace
 
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import rotate_inverse
@@ -46,9 +46,7 @@ def test_ground_is_where_a_pilot_sees_it(roll_deg, pitch_deg):
         assert expected in {at(lines, *map(round, each)) for each in places}, "\n".join(lines)
 
 
-@pytest.mark.parametrize(
-    ("pitch_deg", "rows"), [(15.0, 4), (0.0, 0), (-15.0, -4), (80.0, 7), (-80.0, -7)]
-)
+@pytest.mark.parametrize(("pitch_deg", "rows"), [(15, 4), (0, 0), (-15, -4), (80, 7), (-80, -7)])
 def test_the_line_is_below_the_middle_as_the_nose_is_up_and_never_out_of_sight(pitch_deg, rows):
     lines = horizon(record(pitch_deg=pitch_deg))
     found = [row for row in range(-8, 8) if at(lines, 35, row) in LINE]
@@ -98,8 +96,7 @@ def test_the_tape_shows_how_uncertain_the_heading_is(sigma_deg, cells):
 
 
 def test_a_heading_that_refers_to_nothing_names_no_direction():
-    relative = msgspec.structs.replace(record(yaw_deg=90.0), heading_reference="none")
-    lines = horizon(relative)
+    lines = horizon(replace(record(yaw_deg=90.0), heading_reference="none"))
     assert "(090°)" in lines[1]
     assert not set("NESW") & set(lines[1])
     assert "no north" in "\n".join(lines[-4:])
@@ -125,16 +122,10 @@ def test_without_a_valid_attitude_there_is_a_cross_and_no_number(state, after_s,
 @pytest.mark.parametrize(("width", "height"), [(40, 13), (80, 24), (81, 25), (200, 61)])
 @pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
 @pytest.mark.parametrize(
-    ("attitude", "state"),
-    [
-        (record(12.0, -5.0, 359.9), "running"),
-        (record(170.0, 88.0, 0.1, sigma_deg=(180.0, 180.0)), "running"),
-        (None, "lost"),
-    ],
+    "attitude", [record(12, -5, 359.9), record(170, 88, 0.1, sigma_deg=(180, 180)), None]
 )
-def test_it_fills_the_window_in_the_terminal_s_own_letters(
-    attitude, state, encoding, width, height
-):
+def test_it_fills_the_window_in_the_terminal_s_own_letters(attitude, encoding, width, height):
+    state = "running" if attitude else "lost"
     lines = horizon(attitude, width, height, encoding, state=state, mode="AUTO", armed=True)
     assert lines[0].startswith(" vehicle 1")
     assert "heading" in lines[height - 5]
@@ -174,10 +165,7 @@ def test_a_flight_in_a_real_terminal():
     """80x24, a smaller window, a larger one, all vehicles, the end."""
     emulator = pytest.importorskip("tests.fuzzbee.emulator", reason="pyte is not installed")
     session = default_session()
-    with (
-        started("run", str(FLIPS), *session),
-        emulator.terminal("watch", "1", *session) as terminal,
-    ):
+    with started("run", FLIPS, *session), emulator.terminal("watch", "1", *session) as terminal:
         # it may have to compile first
         terminal.wait_for(lambda lines: any("TRUST" in line for line in lines), 180.0)
         terminal.wait_for(lambda lines: any("GUIDED  armed" in line for line in lines))
@@ -224,9 +212,7 @@ def test_an_autopilot_that_differs_is_marked_at_its_own_horizon_and_heading(enco
 
 
 @pytest.mark.parametrize(("encoding", "mark"), [("utf-8", "◇"), ("latin-1", "C")])
-@pytest.mark.parametrize(
-    ("off_deg", "column"), [(-50.0, 20), (75.0, 70), (179.0, 79), (19.0, None)]
-)
+@pytest.mark.parametrize(("off_deg", "column"), [(-50, 20), (75, 70), (179, 79), (19, None)])
 def test_a_compass_that_disagrees_is_marked_on_the_tape(off_deg, column, encoding, mark):
     tape = horizon(encoding=encoding, compass_off_deg=off_deg)[2]
     assert (tape.index(mark) if mark in tape else None) == column

@@ -41,9 +41,8 @@ def test_on_two_vectors_it_is_the_compiled_filter(gain):
         ours.step(rate, pair, DT)
     assert ours.R_hat == pytest.approx(reference.rotation_matrix(state.q_ned_frd), abs=1e-9)
     assert ours.b_hat == pytest.approx(state.gyr_bias_rad_s, abs=1e-9)
-    assert (ours.e, ours.e_rate, ours.K) == pytest.approx(
-        (state.error, state.error_rate_1_s, state.gain), abs=1e-6
-    )
+    wanted = (state.error, state.error_rate_1_s, state.gain)
+    assert (ours.e, ours.e_rate, ours.K) == pytest.approx(wanted, abs=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -144,9 +143,6 @@ def test_scipy_and_pandas_get_what_they_know():
     assert frame["yaw_deg"].iloc[-1] == pytest.approx(yaw_deg[-1])
 
 
-PLACES = ((0.03, 0.1), (0.2, 0.05), (0.5, 0.02), (0.01, 0.6), (0.12, 0.12), (0.0, 0.0))
-
-
 @pytest.mark.parametrize("k", [load_profile("paper").k, midpoint()], ids=["paper", "midpoint"])
 def test_it_equals_the_compiled_inference(k):
     from skfuzzy.control import ControlSystemSimulation
@@ -155,7 +151,8 @@ def test_it_equals_the_compiled_inference(k):
     from fuzzbee.controller import control_system
 
     simulation = ControlSystemSimulation(control_system(k, 100_001), cache=False)
-    for error, rate in PLACES:
+    places = ((0.03, 0.1), (0.2, 0.05), (0.5, 0.02), (0.01, 0.6), (0.12, 0.12), (0.0, 0.0))
+    for error, rate in places:
         simulation.input["error"], simulation.input["error_rate"] = error, rate
         simulation.compute()
         assert simulation.output["k_op"] == pytest.approx(fuzzy_gain(k, error, rate), rel=1e-9)

@@ -74,20 +74,18 @@ def twice_damaged(test):
     return test
 
 
+DAMAGE = st.tuples(st.sampled_from([*DAMAGES]), st.integers(0, ROWS - 1), st.integers(1, 60))
+
+
 @twice_damaged
 @settings(max_examples=10, deadline=None)
 @given(
-    damages=st.lists(
-        st.tuples(st.sampled_from([*DAMAGES]), st.integers(0, ROWS - 1), st.integers(1, 60)),
-        max_size=5,
-    ),
+    damages=st.lists(DAMAGE, max_size=5),
     has_velocity=st.booleans(),
     cuts=st.lists(st.integers(0, ROWS), max_size=2).map(sorted),
     calibrated=st.sampled_from([None, False, True]),
 )
-def test_a_batch_is_the_same_as_calls_to_the_last_digit(
-    flight, damages, has_velocity, cuts, calibrated
-):
+def test_a_batch_equals_calls_to_the_last_digit(flight, damages, has_velocity, cuts, calibrated):
     """In batches that go on from each other at the cuts."""
     time_s, gyr, acc, mag, velocity = (values.copy() for values in flight)
     if not has_velocity:
@@ -221,18 +219,14 @@ def turning_level(n, rate_hz, rate_rad_s=0.5):
     """A level vehicle that turns right from north: readings (n, 3) without any noise."""
     yaw = rate_rad_s * np.arange(n) / rate_hz
     gyr = np.tile((0.0, 0.0, rate_rad_s), (n, 1))
-    acc = np.tile((0.0, 0.0, -9.8), (n, 1))
     mag = np.stack([0.2 * np.cos(yaw), -0.2 * np.sin(yaw), np.full(n, 0.4)], axis=1)
-    return gyr, acc, mag, np.degrees(yaw) % 360.0
+    return gyr, np.tile((0.0, 0.0, -9.8), (n, 1)), mag, np.degrees(yaw) % 360.0
 
 
-def test_every_name_is_there_and_no_other():
+def test_every_name_is_there_and_no_other_and_no_command_hides_the_function_replay():
     assert all(getattr(fuzzbee, name) is not None for name in fuzzbee.__all__)
     with pytest.raises(AttributeError, match="nonsense"):
         _ = fuzzbee.nonsense
-
-
-def test_the_function_replay_is_not_hidden_by_the_command():
     code = "import fuzzbee.app; from fuzzbee import replay; assert callable(replay)"
     run_python("-c", code, timeout_s=900)
 
@@ -241,16 +235,14 @@ def test_a_turn_to_the_right_is_a_growing_heading():
     gyr, acc, mag, yaw_deg = turning_level(500, 100.0)
     attitudes = Estimator(rate_hz=100.0).update_batch(gyr, acc, mag)
     roll, pitch, heading = attitudes.euler_deg.T
-    assert np.abs(roll).max() < 1e-3
-    assert np.abs(pitch).max() < 1e-3
+    assert np.abs([roll, pitch]).max() < 1e-3
     # The field's lag is not known yet: half a degree is 17 ms at this rate
     assert np.abs((heading - yaw_deg + 180.0) % 360.0 - 180.0).max() < 0.5
     assert attitudes.time_s == pytest.approx(np.arange(500) / 100.0)
     # to the right is clockwise: seen from above in ENU it is a falling angle, from 90 deg on
     w, x, y, z = attitudes.q_enu_flu.T
     angle_deg = np.degrees(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
-    expected = (90.0 - heading + 180.0) % 360.0 - 180.0
-    assert angle_deg == pytest.approx(expected, abs=1e-6)
+    assert angle_deg == pytest.approx((90.0 - heading + 180.0) % 360.0 - 180.0, abs=1e-6)
 
 
 def test_before_the_first_sample_that_can_be_used_there_is_no_attitude():
@@ -267,8 +259,7 @@ def test_before_the_first_sample_that_can_be_used_there_is_no_attitude():
     estimator.update_velocity((0.0, 0.0, 0.0))  # of no sample yet: nothing to report
     assert [estimator.update(*LEVEL).time_us for _ in range(3)] == [0, 10_000, 20_000]
     assert not estimator.rejected
-    stays = estimator.update(*LEVEL, time_s=0.0)
-    assert stays.q_ned_frd == pytest.approx((1.0, 0.0, 0.0, 0.0))
+    assert estimator.update(*LEVEL, time_s=0.0).q_ned_frd == pytest.approx((1.0, 0.0, 0.0, 0.0))
     assert estimator.rejected == {"not_later": 1}
 
 

@@ -12,12 +12,11 @@ from estimator.profile import load_profile
 from fuzzbee.retuning import Retuning
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from service.records import Message
 from service.sinks.mavlink import RecordingSink
 from service.vehicle_status import Load, status_record
 from tests.fuzzbee.recording import DATA
 from tests.paper_noise import NoiseScale, samples_of, simulate_scaled
-from tests.service.flight_rig import ONE, START_US
+from tests.service.flight_rig import ONE, START_US, texts
 
 LOG = DATA / "px4_hover.ulg"
 
@@ -31,25 +30,17 @@ def test_a_flight_in_which_no_noise_changes_is_replayed_to_the_same_digit(replay
     assert retuned == plain
 
 
-def noisy_events(seconds, noisy_from_s):
-    """The paper's signals at 100 Hz as a vehicle's events; then its vectors' noise times five."""
-    n = round(100 * seconds)
-    vectors = np.where(np.arange(n) < 100 * noisy_from_s, 1.0, 5.0)
-    made = simulate_scaled(400, n, NoiseScale(vectors=vectors))
-    for sample in samples_of(made):
-        yield Imu(ONE, START_US + sample.time_us, sample.time_us, "RAW_IMU", sample)
-
-
 @pytest.mark.slow
 def test_a_live_vehicle_is_retuned_by_a_thread_beside_it(tmp_path):
     """The loop's part is done here. The decision comes by the mailbox."""
-    requests, output = ParameterRequests(), []
+    noise = np.where(np.arange(4020) < 2000, 1.0, 5.0)  # of the vectors, from 20 s on
+    made, requests = simulate_scaled(400, 4020, NoiseScale(vectors=noise)), ParameterRequests()
     with Retuning(requests, None) as retuning, Recorder(tmp_path / "x.tlog") as recorder:
         pipeline = Pipeline(load_profile("paper"), new_estimator=retuning.estimator)
         retuning.pipeline = pipeline
         sink = RecordingSink(recorder, lambda: START_US)
-        for event in noisy_events(40.2, 20.0):
-            pipeline.handle(event)
+        for each in samples_of(made):
+            pipeline.handle(Imu(ONE, START_US + each.time_us, each.time_us, "RAW_IMU", each))
         vehicle = pipeline.vehicle(ONE)
         deadline_s = time.monotonic() + 120.0
         while vehicle.profile.confidence.gravity == 1.0 and time.monotonic() < deadline_s:
@@ -57,13 +48,12 @@ def test_a_live_vehicle_is_retuned_by_a_thread_beside_it(tmp_path):
             time.sleep(0.02)
         outputs = pipeline.tick(START_US + 40_200_000)
         sink.handle(outputs)
-        output = [o.text for o in outputs if isinstance(o, Message)]
         status = status_record(vehicle, START_US, Load(), 0)
     requests.close()
     assert vehicle.profile.confidence.gravity < 0.6  # vectors x5
     assert status.retuned.count == 1
     assert status.retuned.last.startswith("gain x0.")
-    assert any("retuned: gain x0." in line for line in output)
+    assert any("retuned: gain x0." in line for line in texts(outputs))
     log = mavutil.mavlink_connection(str(tmp_path / "x.tlog"))
     frame = log.recv_match()
     log.close()

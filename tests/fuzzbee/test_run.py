@@ -1,7 +1,6 @@
 """``fuzzbee run`` from its arguments to its result."""
 
 import json
-import os
 import signal
 import socket
 import time
@@ -32,11 +31,9 @@ def test_json_is_one_object_about_the_run(capfd):
     assert main(["run", "--no-zenoh", "--seconds", "1", "--rate", "50", "--json"]) == 0
     out, err = capfd.readouterr()
     result = json.loads(out)
-    assert result["source"] == "sim:"
-    assert result["profile"] == "paper"
+    assert (result["source"], result["profile"]) == ("sim:", "paper")
     vehicle = result["vehicles"]["1"]
-    assert vehicle["state"] == "running"
-    assert vehicle["imu_message"] == "RAW_IMU"
+    assert (vehicle["state"], vehicle["imu_message"]) == ("running", "RAW_IMU")
     assert vehicle["imu_rate_hz"] == pytest.approx(100.0, rel=0.01)
     assert vehicle["attitudes"] > 20  # a busy computer has more time for them, or less
     assert "running" in err
@@ -82,28 +79,29 @@ def test_a_taken_port_is_status_2(kind, line, capfd):
     assert (f"sport = :{port} names the program" in output) == (not address.startswith("tcp/"))
 
 
-@pytest.fixture
-def line():
-    """Where a vehicle sends to, and where a service listens."""
+@contextmanager
+def flying():
+    """Where a service hears the vehicle that flies."""
     port = free_port(UDP)
-    return f"udpout:127.0.0.1:{port}", f"udpin:127.0.0.1:{port}"
+    with started("sim", "--to", f"udpout:127.0.0.1:{port}") as vehicle:
+        vehicle.stderr.readline()  # it sends
+        yield f"udpin:127.0.0.1:{port}"
+
+
+ALONE = ("--profile", "paper", "--json", "--no-zenoh")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_signals_end_it_quietly_with_everything_closed(number, line, tmp_path):
-    (to, source), record = line, tmp_path / "flight.tlog"
+def test_signals_end_it_quietly_with_everything_closed(number, tmp_path):
+    record = tmp_path / "flight.tlog"
     options = ("--profile", "paper", "--json", "--record", str(record), "--truth")
-    with (
-        started("sim", "--to", to),
-        started("run", source, *options, *default_session()) as service,
-    ):
+    with flying() as at, started("run", at, *options, *default_session()) as service:
         await_line(service, "vehicle 1: running")
         time.sleep(1.0)
         service.send_signal(number)
         out, err = service.communicate(timeout=60)
     assert service.returncode == 0
-    assert "Traceback" not in err
-    assert "FATAL" not in err
+    assert not [word for word in ("Traceback", "FATAL") if word in err]
     result = json.loads(out)
     assert result["vehicles"]["1"]["attitudes"] > 0
     assert result["truth"]["1"]["worst_deg"] > 0
@@ -123,13 +121,12 @@ def test_ros_nodes_receive_the_vehicle(capfd, monkeypatch):
     assert messages[0].linear_acceleration.z != 0.0
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
-def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(line, tmp_path, replayed):
+def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(tmp_path, replayed):
     """A limit of 40 kB for a file; what was written before is what replay reads."""
-    (to, source), folder = line, tmp_path / "logs"
-    options = ("--profile", "paper", "--json", "--no-zenoh", "--record", str(folder))
-    with started("sim", "--to", to):
-        done = shell('ulimit -f 40; "$@"', "run", source, "--seconds", "6", *options, status=1)
+    folder = tmp_path / "logs"
+    with flying() as at:
+        command = ("run", at, "--seconds", "6", *ALONE, "--record", folder)
+        done = shell('ulimit -f 40; "$@"', *command, status=1)
     assert done.stderr.count("the estimate goes on") == 1
     assert json.loads(done.stdout)["recording"] == "failed"
     assert json.loads(done.stdout)["vehicles"]["1"]["samples"] > 400
@@ -139,11 +136,10 @@ def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(line, tmp_pat
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's full device")
-def test_a_disk_that_is_full_from_the_start_costs_the_recording_only(line):
-    (to, source), options = line, ("--profile", "paper", "--json", "--no-zenoh")
-    with started("sim", "--to", to):
-        recorded = ("--seconds", "5", *options, "--record", "/dev/full")
-        done = shell('"$@"', "run", source, *recorded, status=1)
+def test_a_disk_that_is_full_from_the_start_costs_the_recording_only():
+    with flying() as at:
+        command = ("run", at, "--seconds", "5", *ALONE, "--record", "/dev/full")
+        done = shell('"$@"', *command, status=1)
     said = "cannot record to /dev/full: No space left on device; the estimate goes on"
     assert [each for each in done.stderr.splitlines() if "record" in each] == [said]
     result = json.loads(done.stdout)
@@ -169,11 +165,9 @@ def test_a_source_that_fails_ends_the_service_with_all_that_there_is_to_say(monk
     assert err.splitlines()[-1] == "fuzzbee: MemoryError: no memory"
 
 
-def test_its_own_vehicle_is_given_a_profile_and_one_that_is_not_wanted_is_named(line, capfd):
-    to, source = line
-    with started("sim", "--to", to, "--seconds", "60") as vehicle:
-        vehicle.stderr.readline()  # it sends
-        command = ("run", source, "--no-zenoh", "--seconds", "5")
+def test_its_own_vehicle_is_given_a_profile_and_one_that_is_not_wanted_is_named(capfd):
+    with flying() as at:
+        command = ("run", at, "--no-zenoh", "--seconds", "5")
         assert main([*command, "--json"]) == 0
         out, err = capfd.readouterr()
         assert "profile paper" in err
@@ -194,11 +188,9 @@ def test_a_taken_port_leaves_no_recording_and_an_older_one_as_it_is(tmp_path, na
     assert [*tmp_path.rglob("*")] == before
 
 
-@pytest.mark.parametrize(
-    ("are_whole", "word"), [((), ""), ((True, True), "whole"), ((True, False), "failed")]
-)
-def test_a_recording_is_whole_if_each_of_its_parts_is(are_whole, word):
-    things = [SimpleNamespace(is_whole=each) for each in are_whole]
+@pytest.mark.parametrize(("parts", "word"), [("", ""), ("11", "whole"), ("10", "failed")])
+def test_a_recording_is_whole_if_each_of_its_parts_is(parts, word):
+    things = [SimpleNamespace(is_whole=part == "1") for part in parts]
     assert recording_word([object(), *things]) == word
 
 
@@ -242,5 +234,4 @@ def test_where_the_system_gives_no_shared_memory_a_run_goes_on_with_a_line(mount
 
 
 def test_without_shared_memory_logs_are_checked_one_after_the_other():
-    done = run_in("-o ro", "check", str(TAKEOFF), str(TAKEOFF))
-    assert done.stdout.count("no difference") == 2
+    assert run_in("-o ro", "check", str(TAKEOFF), str(TAKEOFF)).stdout.count("no difference") == 2

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer
+from msgspec.structs import astuple
 from scipy.spatial.transform import Rotation
-from typer.main import get_command
 
 from drivers.events import VehicleId
 from drivers.logs import table
@@ -20,10 +19,11 @@ from estimator.geometry.rotations import exp
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from fuzzbee import replay
+from fuzzbee.app import build_command
 from fuzzbee.replays import motion
 from fuzzbee.replays.score import constant_turn
 from fuzzbee.replays.trace import VehicleTrace
-from fuzzbee.sim import SimOptions, _vehicle_options, sim
+from fuzzbee.sim import SimOptions, _vehicle_options
 from fuzzbee.truth_score import ScoredPipeline, TruthScore
 from service.records import Message
 from tests.fuzzbee.recording import DATA, recorded
@@ -77,17 +77,13 @@ def test_every_figure_is_that_of_the_samples_that_count(log, skip_s, monkeypatch
     counted = np.isfinite(flight.error_rad[:, 0]) & (ours.time_s >= skip_s)
     total, heading, inclination = np.degrees(flight.error_rad[counted]).T
     reported = ours.heading_reference[counted] != "none"
-    assert report.error_deg.total_rms == rms(total[reported])
-    assert report.error_deg.heading_rms == rms(heading[reported])
-    assert report.error_deg.inclination_rms == rms(inclination)
-    assert report.error_deg.inclination_p95 == pytest.approx(np.percentile(inclination, 95.0))
+    wanted = [*map(rms, (total[reported], heading[reported], inclination))]
+    assert astuple(report.error_deg) == (*wanted, pytest.approx(np.percentile(inclination, 95.0)))
     upright = inclination <= np.degrees(ours.sigma_inclination_rad[counted])
     pointed = heading <= np.degrees(ours.sigma_heading_rad[counted])
     moving = moved(path)[-len(counted) :][counted]
-    assert report.coverage.inclination == mean(upright)
-    assert report.coverage.heading == mean(pointed[reported])
-    assert report.coverage.inclination_moving == mean(upright[moving])
-    assert report.coverage.heading_moving == mean(pointed[reported & moving])
+    shares = (upright, pointed[reported], upright[moving], pointed[reported & moving])
+    assert astuple(report.coverage) == tuple(map(mean, shares))
     names, counts = np.unique(ours.heading_reference[counted], return_counts=True)
     assert report.heading_references == dict(zip(names.tolist(), counts.tolist(), strict=True))
     assert report.mean_gain == pytest.approx(np.mean(ours.gain))
@@ -140,9 +136,8 @@ BIAS, STEADY = np.radians((1.0, 1.0, 1.0)), np.array((0.0, 0.0, 1.01 * motion.MO
 )
 def test_when_a_vehicle_moves(rate, turn, push, moving):
     """On its side, both sensors with noise; the gyroscope's leaves its median as it is."""
-    rng = np.random.default_rng(1)
     gyr = rate + 0.004 * np.tile([[0.0, 0.0, -1.0], [0.0] * 3, [0.0] * 3, [0.0, 0.0, 1.0]], (10, 1))
-    acc = np.array([0.0, 9.8, 0.0]) + 0.05 * rng.standard_normal((40, 3))
+    acc = np.array([0.0, 9.8, 0.0]) + 0.05 * np.random.default_rng(1).standard_normal((40, 3))
     gyr[turn] += 0.2
     acc[push] += 1.0
     columns = {"time_us": np.arange(40) * 250_000, "gyr_rad_s": gyr, "acc_m_s2": acc}
@@ -207,11 +202,10 @@ def test_a_flight_is_announced_as_it_goes_and_judged_at_its_end():
 
 def parsed(arguments):
     """What a line of the documents asks ``fuzzbee sim`` for."""
-    app = typer.Typer()
-    app.command()(sim)
-    params = get_command(app).make_context("sim", arguments).params
+    command = build_command(decorated=False).commands["sim"]
+    params = command.make_context("sim", arguments).params
     key_file = params.pop("signing_key_file")  # text until the command itself is called
-    return SimOptions(**params, signing_key_file=None if key_file is None else Path(key_file))
+    return SimOptions(**params, signing_key_file=key_file and Path(key_file))
 
 
 def scored_on_the_wire(options, seconds, begin_s=0.0):

@@ -29,7 +29,7 @@ from tests.service.sessions import plain_client, wait_for
 os.environ["MAVLINK20"] = "1"  # read by pymavlink when it is imported
 from pymavlink import mavutil
 
-KEY_FILE = "--signing-key-file"
+KEY_FILE, NOWHERE = "--signing-key-file", "udpout:127.0.0.1:9"
 
 
 def key_file(path, phrase):
@@ -81,9 +81,8 @@ def test_beside_a_signed_vehicle_an_unsigned_one_is_refused_and_counted(key, por
 @contextmanager
 def peer(port, key):
     """A vehicle of pymavlink: its check of signatures, and the messages that it was asked for."""
-    link = mavutil.mavlink_connection(
-        f"udpout:127.0.0.1:{port}", source_system=1, source_component=1, dialect="ardupilotmega"
-    )
+    address, us = f"udpout:127.0.0.1:{port}", {"source_system": 1, "source_component": 1}
+    link = mavutil.mavlink_connection(address, dialect="ardupilotmega", **us)
     link.setup_signing(key, allow_unsigned_callback=lambda *_: False)
     asked, numbers = [], count()
 
@@ -137,9 +136,7 @@ def test_secrets_are_in_no_argument_log_recording_status_or_error(key, port, tmp
         service.send_signal(signal.SIGINT)
         result, output = service.communicate()
     state = (tmp_path / "state" / "fuzzbee" / "signing.json").read_bytes()
-    assert len(log.read_bytes()) > 1000
-    texts = [result.encode(), output.encode(), state, log.read_bytes(), *arguments, *seen]
-    for text in texts:
+    for text in [result.encode(), output.encode(), state, log.read_bytes(), *arguments, *seen]:
         assert secret not in text
         assert digest not in text
         assert digest.hex().encode() not in text.lower()
@@ -160,9 +157,7 @@ def test_frames_of_before_a_restart_are_refused_after_it(key, port, tmp_path):
     assert after["refused"]["replayed"] > 20
 
 
-@pytest.mark.parametrize(
-    "verb", [("run", "udpout:127.0.0.1:9"), ("sim", "--to", "udpout:127.0.0.1:9")]
-)
+@pytest.mark.parametrize("verb", [("run", NOWHERE), ("sim", "--to", NOWHERE)])
 @pytest.mark.parametrize(
     ("content", "mode", "output"),
     [
@@ -171,9 +166,7 @@ def test_frames_of_before_a_restart_are_refused_after_it(key, port, tmp_path):
         (None, 0o600, "cannot read the key file "),
     ],
 )
-def test_a_key_file_that_cannot_be_one_is_refused_without_its_content(
-    verb, content, mode, output, tmp_path, refused
-):
+def test_a_bad_key_file_is_refused_and_not_shown(verb, content, mode, output, tmp_path, refused):
     path = tmp_path / "key"
     if content is not None:
         path.write_bytes(content)
@@ -189,7 +182,7 @@ def test_a_key_file_that_cannot_be_one_is_refused_without_its_content(
 @pytest.mark.parametrize(("phrase", "warns"), [("1234567", True), ("12345678", False)])
 def test_a_short_pass_phrase_warns(key, phrase, warns, capfd):
     key.write_text(phrase)
-    command = ["sim", "--to", "udpout:127.0.0.1:9", "--seconds", "0.1"]
+    command = ["sim", "--to", NOWHERE, "--seconds", "0.1"]
     assert main([*command, KEY_FILE, str(key)]) == 0
     output = capfd.readouterr().err
     assert ("easily guessed" in output) == warns
@@ -214,8 +207,13 @@ def test_run_and_watch_listen_on_loopback_only(verb, port):
     tcp, metrics = free_port(), free_port()
     command, ports = [verb, "--json", *default_session(tcp)], {tcp}
     if verb == "run":
-        command += [f"udpin:127.0.0.1:{port}", "--profile", "paper", "--ros"]
-        command += ["--metrics", str(metrics)]
+        command += [
+            f"udpin:127.0.0.1:{port}",
+            "--profile",
+            "paper",
+            "--ros",
+            f"--metrics={metrics}",
+        ]
         ports |= {port, metrics}
     with started(*command) as process:
         found = settled(process, lambda seen: ports <= {port for _, port in seen})

@@ -25,13 +25,11 @@ def texts(judgement):
 @pytest.mark.parametrize(
     ("sigma_deg", "levels"),
     [
-        ((0.5, 2.0), (GOOD, GOOD, GOOD)),
         ((2.99, 9.99), (GOOD, GOOD, GOOD)),
         ((3.1, 2.0), (CARE, GOOD, CARE)),
         ((10.1, 2.0), (BAD, GOOD, BAD)),
         ((0.5, 11.0), (GOOD, CARE, CARE)),
         ((0.5, 45.0), (GOOD, BAD, CARE)),  # the horizon is as good as ever
-        ((0.5, 180.0), (GOOD, BAD, CARE)),
     ],
 )
 def test_the_verdict_follows_sigma(sigma_deg, levels):

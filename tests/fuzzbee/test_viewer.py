@@ -10,6 +10,7 @@ import time
 from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import msgspec
 import numpy as np
@@ -103,14 +104,11 @@ def test_what_is_measured_is_drawn_in_ned_as_it_points(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("rate_rad_s", "live", "off_deg"),
-    [((0.0, 0.0, 0.5), True, 10.0), ((0.0, 0.0, 2.0), True, None), ((0.0, 0.0, 2.0), False, 10.0)],
+    ("turn_rad_s", "live", "off_deg"), [(0.5, True, 10.0), (2.0, True, None), (2.0, False, 10.0)]
 )
-def test_how_far_others_are_off_is_left_out_where_time_would_decide(
-    tmp_path, rate_rad_s, live, off_deg
-):
+def test_how_far_others_are_off_is_left_out_where_time_decides(tmp_path, turn_rad_s, live, off_deg):
     """Live, in a fast turn, two messages are further apart than their attitudes; not in a log."""
-    ours = msgspec.structs.replace(record(roll_deg=10.0), rate_rad_s=rate_rad_s)
+    ours = record(roll_deg=10.0, rate_rad_s=(0.0, 0.0, turn_rad_s))
     other = Peer(ONE, "sim", (1.0, 0.0, 0.0, 0.0))
     turns = [[Published(ONE, ours)], [other, Published(ONE, at_time(ours, 500_000))]]
     off = numbers(drawn(tmp_path, turns, live=live), "/sigma/1/sim")
@@ -161,9 +159,7 @@ def test_a_file_that_has_no_room_for_its_end_is_not_whole(tmp_path):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux's way to name a screen")
-def test_without_a_screen_or_a_file_that_can_be_written_it_is_refused(
-    monkeypatch, tmp_path, refused
-):
+def test_without_a_screen_or_a_writable_file_it_is_refused(monkeypatch, tmp_path, refused):
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
     assert "--view web" in refused("run", "--no-zenoh", "--view")
@@ -180,10 +176,6 @@ def test_a_log_is_replayed_into_a_file(tmp_path, replayed):
 
 def page_of(process):
     return re.search(r"http://\S+", await_line(process, "http://"))[0]
-
-
-def port_of(url):
-    return int(re.search(r":(\d+)", url)[1])
 
 
 def is_open(port):
@@ -203,7 +195,9 @@ def test_a_viewer_that_is_closed_is_reported_once():
         assert not sink.is_wanted
 
 
-def test_a_port_that_another_took_meanwhile_is_given_up(monkeypatch):
+def test_a_port_that_another_took_is_given_up_and_no_usage_is_counted(monkeypatch, tmp_path):
+    """Rerun keeps usage figures in its folder for data, and sends them with its next start."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         ports, free = [taken.getsockname()[1]], viewer_process._free_port
@@ -211,21 +205,21 @@ def test_a_port_that_another_took_meanwhile_is_given_up(monkeypatch):
         monkeypatch.setattr(viewer_process, "_free_port", chosen)
         with closing(viewer_process.ViewerProcess(web=True)) as process:
             assert not ports
-            assert is_open(port_of(process.page))
+            assert is_open(urlsplit(process.page).port)
+    assert not list(tmp_path.rglob("*.json"))
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the kernel's help is Linux's")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_the_viewer_ends_with_us_and_listens_on_loopback_only(number):
     with started("run", "--no-zenoh", "--json", "--view", "web") as process:
-        port = port_of(page_of(process))
+        port = urlsplit(page_of(process)).port
         assert is_open(port)
         found = [place for child in descendants(process.pid) for place in listening(child)]
         assert port in {number for _, number in found}
         assert all(is_loopback(host) for host, _ in found), found
         process.send_signal(number)
-        status = process.wait(60)
-        assert status == (-9 if number == signal.SIGKILL else 0), process.stderr.read()
+        assert process.wait(60) == (-9 if number == signal.SIGKILL else 0), process.stderr.read()
         wait_for(lambda: not is_open(port), 10.0)
 
 
@@ -252,15 +246,7 @@ def test_the_page_shows_the_attitude_moving(tmp_path):
         assert service.wait(60) == 0, service.stderr.read()
     assert len(shots) == 3
     for before, after in pairwise(shots):
-        changed = np.abs(before - after).max(axis=-1) > 40
-        assert np.sum(changed) > 200  # pixels: the vehicle turns
-
-
-def test_no_usage_figures_are_sent_or_kept(tmp_path, monkeypatch):
-    """Rerun keeps them in its folder for data, and sends them with its next start."""
-    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    viewer_process.ViewerProcess(web=True).close()
-    assert not list(tmp_path.rglob("*.json"))
+        assert np.sum(np.abs(before - after).max(axis=-1) > 40) > 200  # pixels: the vehicle turns
 
 
 def test_without_the_extra_its_option_is_refused_and_nothing_else(monkeypatch, refused, printed):

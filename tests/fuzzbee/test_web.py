@@ -44,8 +44,7 @@ def event(page, path="/events"):
     with asked(page, path) as answer:
         assert answer.status == 200
         assert answer.getheader("Content-Type") == "text/event-stream"
-        line = answer.readline()
-    return json.loads(line.removeprefix(b"data: "))
+        return json.loads(answer.readline().removeprefix(b"data: "))
 
 
 def running(words=(), **changes):
@@ -143,9 +142,7 @@ def test_a_browser_shows_one_vehicle_or_all_and_what_is_stale(page, clock, tmp_p
         shown = seen.value("at('one').innerText")
         assert seen.value("at('zenith').getAttribute('transform')") == "rotate(-10)"
         assert "TRUST vehicle 1 · running LOITER · armed" in " ".join(shown.split())
-        assert "+10.0°" in shown
-        assert "−20.0°" in shown
-        assert "horizon ±1.0°" in shown
+        assert all(each in shown for each in ("+10.0°", "−20.0°", "horizon ±1.0°"))
         assert seen.value("document.documentElement.scrollWidth") == 390
         assert seen.value("document.documentElement.scrollHeight") == 844
         turned = seen.value("at('world').getAttribute('transform')")
