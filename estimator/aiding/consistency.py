@@ -2,28 +2,42 @@
 
 The paper's filter follows the aided attitude, so its own e shows nothing. Here the specific force
 of the last second is compared with the reported change of velocity, and the field without the
-learnt hard iron with the place's. Neither changes the estimate again. An unsensed turn, a bias that
-steps, a magnet or wrong velocities show here before the covariance grows.
+learnt hard iron with the place's. An unsensed turn, a bias that steps, a magnet or wrong velocities
+show here before the covariance grows. The estimate changes only where the force is found wrong.
 
 The mean difference, mostly noise and what slow streams miss, is learnt. Only a much larger one
 inflates the variance.
 """
 
-from math import atan2, hypot
+from math import atan2, hypot, sqrt
 from math import exp as real_exp
 from typing import NamedTuple
 
 from estimator.aiding.correction_cusum import MOST_SQUARE
+from estimator.aiding.force_fault import Before, Then, follow_field, is_no_turn, wrong_force
 from estimator.aiding.search import Window, extend_window, open_window
-from estimator.aiding.types import AidingEstimate, AidingParams, AidingState, Report, Sigmas
+from estimator.aiding.sources.wheels import rolls
+from estimator.aiding.types import (
+    NO_WRONG_FORCE,
+    TURN,
+    AidingEstimate,
+    AidingParams,
+    AidingState,
+    Array,
+    Report,
+    Sigmas,
+    WrongForce,
+)
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.params import ACCELERATION_LASTS_S, LONG_S, SPAN_S
+from estimator.conditioning.rate import slow_share
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.filter.kernel import follow_rate
 from estimator.geometry.quaternion import (
+    HALF_TURN_VARIANCE,
     conjugate,
     cross,
     dot,
@@ -32,6 +46,7 @@ from estimator.geometry.quaternion import (
     norm,
     normalize,
     rotate,
+    rotate_inverse,
     scale,
     subtract,
     unit,
@@ -73,6 +88,8 @@ class Consistency(NamedTuple):
     field: Direction = Direction()
     tilt: Apart = Apart(0.0, 0.0, LEAST_OFF_RAD**2)
     heading: Apart = Apart(0.0, 0.0, 4.0 * LEAST_OFF_RAD**2)
+    before: Before = Before()  # anything contradicted
+    wrong_force: WrongForce = NO_WRONG_FORCE  # what this sample has shown to be wrong
     error: float = 0.0  # e of the published attitude against both directions, 0 to 1
     error_rate_1_s: float = 0.0  # its low-passed derivative
 
@@ -132,19 +149,20 @@ def compare_sample(consistency: Consistency, aided: AidingState, sample: Sample)
         force_wait_s=force_wait_s,
         force=force,
         tilt=tilt,
+        wrong_force=NO_WRONG_FORCE,
     )
 
 
 @inlined
 def compare_report(
-    params: AidingParams, consistency: Consistency, estimate: AidingEstimate, report: Report
+    params: AidingParams, consistency: Consistency, aided: AidingState, P: Array, report: Report
 ) -> Consistency:
     """A report may close a window of the force, and opens the next.
 
     A receiver's reports come first, as it knows nothing of the IMU; an autopilot's filter counts
-    without them.
+    without them. ``P`` is the covariance of the aiding's errors.
     """
-    is_receiver = report.late_sigma_s > 0.0
+    estimate, is_receiver = aided.estimate, report.late_sigma_s > 0.0
     window = consistency.window
     is_silent = consistency.report_wait_s > ACCELERATION_LASTS_S
     if window.is_open and is_receiver != consistency.by_receiver and not (is_receiver or is_silent):
@@ -154,43 +172,91 @@ def compare_report(
     time_s = window.time_s - behind_s
     opened = open_window(window, report, behind_s)
     continues = window.is_open and is_receiver == consistency.by_receiver
-    force, tilt, force_wait_s = consistency.force, consistency.tilt, consistency.force_wait_s
-    turned_rad = 0.0
+    q_ned_g = multiply(estimate.q_ned_frd, conjugate(consistency.q_g_frd))
+    now = Then(q_ned_g, estimate.gyr_bias_rad_s, 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1]))
     if continues and time_s < SPAN_S:
-        opened, turned_rad = window, consistency.turned_rad
-    elif continues and time_s <= ACCELERATION_LASTS_S:
+        return consistency._replace(report_wait_s=0.0)
+    if continues and time_s <= ACCELERATION_LASTS_S:
         pushed = subtract(window.pushed_m_s, opened.pushed_m_s)
-        q_ned_g = multiply(estimate.q_ned_frd, conjugate(consistency.q_g_frd))
         seen = rotate(q_ned_g, pushed)
         change = subtract(report.velocity_ned_m_s, window.velocity_ned_m_s)
         down = change[2] - STANDARD_GRAVITY_M_S2 * time_s if report.has_vertical else seen[2]
         expected = (change[0], change[1], down)
-        share = share_of(params, window, norm(pushed), time_s, consistency.turned_rad)
-        turn = scale(share, turn_between(seen, expected))
-        force = Direction(unit(pushed), unit(expected), share)
-        tilt = average(tilt, turn[0], turn[1], time_s)
-        force_wait_s = 0.0
-    consistency = consistency._replace(
-        window=opened, turned_rad=turned_rad, by_receiver=is_receiver, report_wait_s=0.0
+        share = share_of(params, aided, window, norm(pushed), time_s, consistency.turned_rad)
+        consistency = close_window(
+            consistency._replace(force=Direction(unit(pushed), unit(expected), share)),
+            now,
+            scale(share, turn_between(seen, expected)),
+            time_s,
+            slow_share(aided.last.dt_s) <= 0.0,
+            skids(params, estimate, report),
+        )
+    else:
+        # nothing has agreed with this attitude yet
+        now = now._replace(tilt_variance=HALF_TURN_VARIANCE)
+        consistency = consistency._replace(before=consistency.before._replace(then=now, opened=now))
+    return consistency._replace(
+        window=opened, turned_rad=0.0, by_receiver=is_receiver, report_wait_s=0.0
     )
-    return consistency._replace(force_wait_s=force_wait_s, force=force, tilt=tilt)
+
+
+@inlined
+def skids(params: AidingParams, estimate: AidingEstimate, report: Report) -> bool:
+    """Whether a vehicle with wheels would go sideways: then the velocity is wrong."""
+    velocity = report.velocity_ned_m_s
+    across = abs(rotate_inverse(estimate.q_ned_frd, velocity)[1])
+    return rolls(params) and across > max(0.5 * norm(velocity), params.filter_error_m_s)
+
+
+@inlined
+def close_window(
+    consistency: Consistency, now: Then, turn: Vec3, time_s: float, is_followed: bool, skids: bool
+) -> Consistency:
+    """A window of ``time_s`` asks for a ``turn`` (rad, NED) of the attitude.
+
+    The force is wrong where one window after the other asks for it, and the field shows that the
+    vehicle has not made it; in a slow stream, which is not followed, it may have turned and back. A
+    vehicle that ``skids`` since the first of them has wrong velocities.
+    """
+    before, tilt, found = consistency.before, consistency.tilt, NO_WRONG_FORCE
+    level = (turn[0], turn[1], 0.0)
+    usual = max(tilt.mean_square, before.then.tilt_variance)
+    again = turn[0] * tilt.mean_north_rad + turn[1] * tilt.mean_east_rad > REACH**2 * usual
+    has_skidded = skids or (before.has_skidded and inflation(tilt) > 0.0)
+    is_seen = consistency.field_wait_s < SPAN_S and is_followed and not has_skidded
+    before = before._replace(has_skidded=has_skidded)
+    if inflation(tilt) <= 0.0:
+        before = before._replace(then=before.opened, opened=now)
+    elif again and is_seen and is_no_turn(before, consistency.field.g, now.q_ned_g, level):
+        found = wrong_force(before, now, level)
+    tilt = average(tilt, turn[0], turn[1], time_s)
+    if found.variance > 0.0:
+        tilt = Apart(0.0, 0.0, tilt.mean_square)
+    return consistency._replace(before=before, wrong_force=found, tilt=tilt, force_wait_s=0.0)
 
 
 @inlined
 def share_of(
-    params: AidingParams, window: Window, pushed_m_s: float, time_s: float, turned_rad: float
+    params: AidingParams,
+    aided: AidingState,
+    window: Window,
+    pushed_m_s: float,
+    time_s: float,
+    turned_rad: float,
 ) -> float:
     """How far a window counts: 1 at rest, little for one full of loops, where |force| is small.
 
     Its change of velocity may be off by the reports' error, by the force's change while they are
     late, and by ``SCALE_ERROR`` of the push for each radian turned, each compared with a second of
-    gravity.
+    gravity. A force that is shaken by more than the reports' error counts as much less.
     """
     error_m_s, late_s = params.filter_error_m_s, params.imu_lag_s
     swing = norm(subtract(window.force_m_s2, window.first_force_m_s2))
     square = error_m_s**2 + (late_s * swing) ** 2 + (SCALE_ERROR * turned_rad * pushed_m_s) ** 2
     expected = error_m_s * pushed_m_s / (STANDARD_GRAVITY_M_S2 * time_s)
-    return min(1.0, expected * expected / square)
+    # three axes of white noise lie off the line through two readings by 18 times its square
+    shaken_m_s = sqrt(aided.rough.knocked / 18.0 * aided.last.dt_s * time_s)
+    return min(1.0, expected * expected / square) * error_m_s / max(error_m_s, shaken_m_s)
 
 
 @inlined
@@ -223,9 +289,11 @@ def compare_field(consistency: Consistency, aided: AidingState, sample: Sample) 
     off = share * atan2(F[0] * E[1] - F[1] * E[0], F[0] * E[0] + F[1] * E[1])
     wait = min(consistency.field_wait_s, 1.0)
     seen = Direction(unit(rotate(consistency.q_g_frd, m)), unit(E), share)
-    return consistency._replace(
-        field_wait_s=0.0, field=seen, heading=average(consistency.heading, off, 0.0, wait)
-    )
+    before = consistency.before
+    if inflation(consistency.tilt) <= 0.0:
+        before = follow_field(before, seen.g, wait)
+    heading = average(consistency.heading, off, 0.0, wait)
+    return consistency._replace(field_wait_s=0.0, field=seen, heading=heading, before=before)
 
 
 @inlined
@@ -255,13 +323,14 @@ def watch(
     params: AidingParams,
     consistency: Consistency,
     aided: AidingState,
+    P: Array,
     sample: Sample,
     report: Report,
 ) -> Consistency:
     """One sample with the report that belongs to it, after the aiding has learnt from both."""
     consistency = compare_sample(consistency, aided, sample)
     if report.given:
-        consistency = compare_report(params, consistency, aided.estimate, report)
+        consistency = compare_report(params, consistency, aided, P, report)
     if sample.has_mag:
         consistency = compare_field(consistency, aided, sample)
     return consistency

@@ -14,6 +14,7 @@ from estimator.aiding.acceleration_tilt import (
     watch_acceleration_tilt,
 )
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
+from estimator.aiding.force_fault import take_back
 from estimator.aiding.gyroscope_fault import track_errors, watch_gyroscope
 from estimator.aiding.inertial import (
     Prediction,
@@ -91,6 +92,8 @@ def aid(
     track_errors(params, now, state.gyroscope_fault, gyroscope_fault)
     if others.unsensed_turn > 0.0:
         now = level_by_force(now, others)
+    if others.wrong_force.variance > 0.0:
+        now = take_back(now, others.wrong_force)
     before, x = known(now.covariance), np.zeros(SIZE)
     if report.given:
         agreement = take_report(params, agreement, now, dt, report, others.gravity_b, x)

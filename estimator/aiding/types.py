@@ -250,6 +250,17 @@ class North(NamedTuple):
     direction: Vec2  # unit vector (north, east) in NED; counts only where it is known
 
 
+class WrongForce(NamedTuple):
+    """A force that asks for a turn of the attitude which the vehicle has not made."""
+
+    turn_back_rad: Vec3 = ZERO_VEC3  # turn (NED) that undoes what it has done to the attitude
+    bias_back_rad_s: Vec3 = ZERO_VEC3  # and to the gyroscope's bias, FRD
+    variance: float = 0.0  # mean square by which an axis of it may be wrong, (m/s^2)^2; 0: none
+
+
+NO_WRONG_FORCE = WrongForce()
+
+
 class StepInputs(NamedTuple):
     """What other stages know about a sample."""
 
@@ -260,4 +271,5 @@ class StepInputs(NamedTuple):
     place_gauss: Vec3 = ZERO_VEC3  # the place's field by a model, NED; zero if unknown
     unsensed_turn: float = 0.0  # variance (rad^2) about any axis of a turn just shown; mostly 0
     force_scatter: float = 0.0  # mean square angle (rad^2) of a second's force off the vertical
+    wrong_force: WrongForce = NO_WRONG_FORCE  # found at the last sample
     gyr_errors: Vec3 = ZERO_VEC3  # of contradicted axes, rad/s; above 0: reads too much

@@ -1,6 +1,6 @@
 """Where the aiding begins and ends, and where it begins anew."""
 
-from math import hypot, isfinite
+from math import hypot, isfinite, sqrt
 
 from estimator.aiding import compass
 from estimator.aiding.acceleration_tilt import explains_acceleration
@@ -124,8 +124,8 @@ def is_contradicted(state: State, now: Core, seen: PushAndField, start: Start) -
     """Whether the aided attitude is another one than velocity and field show together.
 
     Behind a hole that is so if the push misfits, or the field where the aided attitude is known
-    worse. Else the push has to misfit by more than usual errors, as a compass that is turned does
-    not move it; what contradicts wheels may be the velocity.
+    worse. Else the push has to misfit by more than usual errors, with the accelerometer's largest
+    bias, as a compass that is turned does not move it; what contradicts wheels may be the velocity.
     """
     q_ned_g = multiply(now.aided.estimate.q_ned_frd, conjugate(now.gathered.q_g_frd))
     if seen.push.is_behind_hole:
@@ -135,7 +135,8 @@ def is_contradicted(state: State, now: Core, seen: PushAndField, start: Start) -
     if rolls(state.settings.aiding):
         return False
     force = rotate(q_ned_g, seen.push.force_g_m_s)
-    return angle_between_vectors(force, seen.push.change_ned_m_s) > REACH * NORM_SCALE
+    usual = REACH * NORM_SCALE + sqrt(now.aided.bias_prior.acc) / STANDARD_GRAVITY_M_S2
+    return angle_between_vectors(force, seen.push.change_ned_m_s) > usual
 
 
 def give_up(state: State) -> None:

@@ -153,6 +153,7 @@ def step_aided(
         place_gauss=reference.place_gauss,
         unsensed_turn=unsensed_turn,
         force_scatter=events.gravity.force_scatter,
+        wrong_force=handle.consistency.wrong_force,
         gyr_errors=current_errors(events.axes, now.standing == PROVEN),
     )
     before = handle.aided.estimate.q_ned_frd
@@ -169,7 +170,9 @@ def step_aided(
     knows_north = now.knows_north or rolls(params.aiding)
     state = follow_aided(params.filter, reference, handle.filter, aided, knows_north, before)
     handle.filter, handle.smooth_error = state, state.error
-    consistency = watch(params.aiding, handle.consistency, aided, handle.sample, report)
+    consistency = watch(
+        params.aiding, handle.consistency, aided, handle.covariance, handle.sample, report
+    )
     tau_s = params.filter.rate_time_constant_s
     handle.consistency = compare(consistency, state.q_ned_frd, handle.sample.dt_s, tau_s)
     has_shown = report.given and search_by(handle, report)
@@ -231,7 +234,7 @@ def take_late(handle: Any, report: Report) -> bool:
     )
     handle.aided = aided
     handle.consistency = compare_report(
-        handle.params.aiding, handle.consistency, aided.estimate, report
+        handle.params.aiding, handle.consistency, aided, handle.covariance, report
     )
     return search_by(handle, report)
 

@@ -65,6 +65,11 @@ def test_what_a_wrong_field_moves(angle, case, rms_deg, rel):
         ("inclination", Case("gentle tilts", POOR, False, beside="offsets", seed=9), 2.0),
         # other rates stand in before a bias is tracked; the error of a stuck axis is no bias
         ("inclination", Case("hand", Fault("gyroscope stuck", 2), beside="attitude"), 3.0),
+        # gyroscope and field bear the attitude out against an accelerometer that steps
+        *(
+            (angle, Case(motion, Fault("accelerometer offset", 0, 3.0, end_s=60.0)), 2.5)
+            for angle, motion in product(("inclination", "heading"), ("gentle tilts", "aerobatics"))
+        ),
         # field and force turn together in the frame of an axis that errs: no unsensed turn
         ("heading", Case("hover", STEPPED_HALF[0]), 5.0),
         # where velocity shows no heading, the turn by an error before it is found is a tilt
