@@ -228,7 +228,8 @@ def close_window(
     if inflation(tilt) <= 0.0:
         before = before._replace(then=before.opened, opened=now)
     elif again and is_seen and is_no_turn(before, consistency.field.g, now.q_ned_g, level):
-        found = wrong_force(before, now, level)
+        field = consistency.field
+        found = wrong_force(before, now, level, field.g, field.ned)
     tilt = average(tilt, turn[0], turn[1], time_s)
     if found.variance > 0.0:
         tilt = Apart(0.0, 0.0, tilt.mean_square)

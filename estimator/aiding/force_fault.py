@@ -12,7 +12,7 @@ import numpy as np
 
 from estimator.aiding.correction_cusum import MOST_SQUARE
 from estimator.aiding.inertial import Prediction, apply_corrections
-from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, WrongForce
+from estimator.aiding.types import ACC_BIAS, GYR_BIAS, NO_WRONG_FORCE, SIZE, TURN, WrongForce
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ACCELERATION_LASTS_S, LONG_S
 from estimator.conditioning.robust import FAR, REACH
@@ -22,6 +22,7 @@ from estimator.geometry.quaternion import (
     HALF_TURN_VARIANCE,
     conjugate,
     cross,
+    dot,
     log,
     multiply,
     rotate,
@@ -75,10 +76,21 @@ def is_no_turn(before: Before, field_g: Vec3, q_ned_g: Quaternion, turn_rad: Vec
 
 
 @inlined
-def wrong_force(before: Before, now: Then, turn_rad: Vec3) -> WrongForce:
-    """What a force has done and may do that asks for a turn (NED) which was not made."""
+def wrong_force(
+    before: Before, now: Then, turn_rad: Vec3, field_g: Vec3, place: Vec3
+) -> WrongForce:
+    """What a force has done and may do that asks for a turn (NED) which was not made.
+
+    Nothing where it has turned the attitude further than it still asks for, and the field
+    (``field_g``; at the ``place``, NED) fits better since: then it has mended the attitude.
+    """
+    back = log(multiply(before.then.q_ned_g, conjugate(now.q_ned_g)))
+    fits_then = dot(rotate(before.then.q_ned_g, field_g), place)
+    fits_now = dot(rotate(now.q_ned_g, field_g), place)
+    if fits_now > fits_then and square(back) > square(turn_rad):
+        return NO_WRONG_FORCE
     return WrongForce(
-        turn_back_rad=log(multiply(before.then.q_ned_g, conjugate(now.q_ned_g))),
+        turn_back_rad=back,
         bias_back_rad_s=subtract(before.then.gyr_bias_rad_s, now.gyr_bias_rad_s),
         variance=STANDARD_GRAVITY_M_S2**2 * square(turn_rad),
     )
