@@ -37,10 +37,6 @@ class Call(NamedTuple):
     method: str
     values: tuple[Any, ...] = ()
 
-    def __call__(self, estimator: Estimator) -> None:
-        """Call it again."""
-        getattr(estimator, self.method)(*self.values)
-
 
 Calls = Mapping[int, Sequence[Call]]  # before the sample of that number
 
@@ -94,14 +90,11 @@ class LoggedEstimator(Estimator):
 
 
 class Course(NamedTuple):
-    """What an estimator published at its N samples.
+    """What an estimator published at its N samples; sigmas of inclination and heading."""
 
-    ``q_ned_frd`` (N, 4); ``sigma_rad`` (N, 2) of inclination and heading; ``bias_rad_s`` (N, 3).
-    """
-
-    q_ned_frd: Floats
-    sigma_rad: Floats
-    bias_rad_s: Floats
+    q_ned_frd: Floats  # (N, 4)
+    sigma_rad: Floats  # (N, 2)
+    bias_rad_s: Floats  # (N, 3)
 
 
 def course_of(
@@ -119,8 +112,8 @@ def course_of(
     n, begin = len(rows.times_us), 0
     published = np.empty((n, OUTPUT_SIZE))
     for end in sorted({k for k in (*calls, *(k + 1 for k in wrong_ned_frd), n) if 0 < k <= n}):
-        for call in calls.get(begin, ()):
-            call(estimator)
+        for method, values in calls.get(begin, ()):
+            getattr(estimator, method)(*values)
         part = cut(rows, begin, end)
         take(estimator, part, published[begin:end], reports_between(reports, begin, end))
         if end - 1 in wrong_ned_frd:

@@ -15,8 +15,7 @@ from scipy.optimize import least_squares
 from estimator.arrays import Bools, Floats, Ints
 from estimator.geometry.earth import PlaceField
 
-BLOCKS = 10  # stretches of time that are left out in turn
-MOST_SAMPLES = 1000
+BLOCKS, MOST_SAMPLES = 10, 1000  # stretches of time, which are left out in turn
 MODEL_GAUSS = 1.5e-3  # sigma of the model beside a place: its report says 138 nT, 0.2 deg of dip
 MOST_STEPS = 30  # of a solution; 10 are usual, without turns there is no end
 SURE = 3.0  # sigma
@@ -33,31 +32,26 @@ NO_IRON = np.concatenate([np.zeros(6), _I == _J])
 
 
 class CompassFit(NamedTuple):
-    """The iron found: m_true = matrix (m - offset); gauss, body axes.
+    """The iron found: m_true = matrix (m - offset - current I); gauss, body axes.
 
-    ``matrix`` is None where the turns do not show it. ``unseen`` names the sides of the vehicle
-    that the field has never come within 45 deg of. ``misfit_gauss`` is the median misfit
-    before and after.
+    What the turns do not show is None.
     """
 
     offset_gauss: Floats  # (3,)
     offset_covariance: Floats  # (3, 3)
-    current_gauss_a: Floats | None  # (3,) for each ampere; None where it shows nothing
+    current_gauss_a: Floats | None  # (3,)
     current_sigma_gauss_a: Floats | None  # (3,)
     matrix: Floats | None  # (3, 3)
     matrix_sigma: Floats | None  # (3, 3)
-    unseen: tuple[str, ...]
-    misfit_gauss: tuple[float, float]
+    unseen: tuple[str, ...]  # sides of the vehicle that the field never came within 45 deg of
+    misfit_gauss: tuple[float, float]  # the median, before and after
 
 
 class _Problem(NamedTuple):
-    """Readings (N, 3), the vertical in body axes (N, 3), and what the place has.
+    """Readings, and which of the twelve numbers are sought by them; the others stay."""
 
-    Of the twelve numbers those that are ``free`` are sought, and the others stay.
-    """
-
-    mag: Floats
-    down: Floats
+    mag: Floats  # (N, 3)
+    down: Floats  # (N, 3), the vertical in body axes
     current: Floats  # (N, 1), a share of the largest
     field: PlaceField
     scale: float  # the usual misfit, gauss

@@ -32,9 +32,6 @@ _PARAMETERS = (
     "membership, filter; for logs also noise, sigma, gain, confidence, conditioning, calibration."
     " [default: by source, objective and rate]"
 )
-_NOISE_SEEDS = "sim: seeds. [default: 100-107]"
-_HELD_OUT_SEEDS = "sim: unseen seeds. [default: 200-219]"
-_THREADS = "Processor cores to use. [default: all cores]"
 
 EPILOG = opt.examples(
     "fuzzbee tune sim: -o tuned.toml",
@@ -66,9 +63,9 @@ class TuneRequest(NamedTuple):
     limit: int | None = opt.option(_LIMIT, metavar="N")
     seed: int = opt.option("Seed of the search.", default=0, metavar="N")
     parameters: str | None = opt.option(_PARAMETERS, metavar="GROUP,...")
-    noise_seeds: str | None = opt.option(_NOISE_SEEDS, metavar="A-B")
-    held_out_seeds: str | None = opt.option(_HELD_OUT_SEEDS, metavar="A-B")
-    threads: int | None = opt.option(_THREADS, metavar="N")
+    noise_seeds: str | None = opt.option("sim: seeds. [default: 100-107]", metavar="A-B")
+    held_out_seeds: str | None = opt.option("sim: unseen seeds. [default: 200-219]", metavar="A-B")
+    threads: int | None = opt.option("Processor cores to use. [default: all cores]", metavar="N")
     cluster: str | None = opt.option("Evaluate on this Dask scheduler.", metavar="ADDRESS")
     resume: bool = opt.option("Go on from FILE.checkpoint.", default=False)
     plot: Path | None = opt.option("Draw figures into this folder.", metavar="DIR")
