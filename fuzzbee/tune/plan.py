@@ -109,7 +109,7 @@ def _search_options(request: TuneRequest) -> SearchOptions:
         ("--seed", request.seed, 0),
     ):
         if number is not None and number < least:
-            raise InputError(f"{option} {number}: at least {least} is needed")
+            raise InputError(f"{option} {number}: {algorithm} needs at least {least}")
     return SearchOptions(algorithm, sources, cycles, limit or 0, request.seed)
 
 
