@@ -138,20 +138,17 @@ def squares_left(spans: Floats, turns: Floats, *, has_offset: bool) -> Floats:
     the body; 0 of a vector that does not change.
     """
     a, c, v = spans[:, :3], spans[:, 3:6], spans[:, 6:]
-    total = np.square(c).sum()
-    if not total > UNCHANGED * len(spans):
+    if not np.square(c).sum() > UNCHANGED * len(spans):
         return np.zeros((len(turns), 2, 2))
     a = a @ turns.swapaxes(1, 2)
     left = np.stack([np.broadcast_to(c, a.shape), np.cross(a, v)], axis=1)
-    left = left.reshape(len(turns), 2, -1)
-    squares = left @ left.swapaxes(1, 2)
-    if has_offset:  # b by least squares
-        by_offset = np.cross(a[:, :, None], np.eye(3)).swapaxes(2, 3).reshape(len(turns), -1, 3)
-        N = by_offset.swapaxes(1, 2) @ by_offset
-        N += (LEAST_TURNS + FLAT * np.square(a).sum((1, 2)))[:, None, None] * np.eye(3)
-        along = left @ by_offset
+    squares = np.einsum("wimk,wjmk->wij", left, left)
+    if has_offset:  # N b = -sum of left x a
+        N = (LEAST_TURNS + (1.0 + FLAT) * np.square(spans[:, :3]).sum()) * np.eye(3)
+        N = N - a.swapaxes(1, 2) @ a
+        along = np.cross(left, a[:, None]).sum(axis=2)
         squares -= along @ np.linalg.inv(N) @ along.swapaxes(1, 2)
-    return np.asarray(squares / total)
+    return np.asarray(squares / np.square(c).sum())
 
 
 def roots(squares: Floats, *factors: float) -> Floats:
