@@ -37,6 +37,10 @@ class Call(NamedTuple):
     method: str
     values: tuple[Any, ...] = ()
 
+    def __call__(self, estimator: Estimator) -> None:
+        """Call it again."""
+        getattr(estimator, self.method)(*self.values)
+
 
 Calls = Mapping[int, Sequence[Call]]  # before the sample of that number
 
@@ -112,8 +116,8 @@ def course_of(
     n, begin = len(rows.times_us), 0
     published = np.empty((n, OUTPUT_SIZE))
     for end in sorted({k for k in (*calls, *(k + 1 for k in wrong_ned_frd), n) if 0 < k <= n}):
-        for method, values in calls.get(begin, ()):
-            getattr(estimator, method)(*values)
+        for call in calls.get(begin, ()):
+            call(estimator)
         part = cut(rows, begin, end)
         take(estimator, part, published[begin:end], reports_between(reports, begin, end))
         if end - 1 in wrong_ned_frd:
