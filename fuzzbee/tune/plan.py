@@ -99,17 +99,19 @@ def _search_options(request: TuneRequest) -> SearchOptions:
     _require_known("--algorithm", algorithm, ALGORITHMS)
     if algorithm == "cmaes":
         require_extra("cmaes", "--algorithm cmaes", "optimizers")
+    fewest = ALGORITHMS[algorithm].fewest_sources
+    if sources < fewest:
+        raise InputError(f"--sources {sources}: {algorithm} needs at least {fewest}")
     if limit is not None and algorithm != "abc":
         raise InputError(f"--limit is the bees' own; {algorithm} has none")
     for option, number, least in (
-        ("--sources", sources, ALGORITHMS[algorithm].fewest_sources),
         ("--cycles", cycles, 1),
         ("--limit", limit, 1),
         ("--threads", request.threads, 1),
         ("--seed", request.seed, 0),
     ):
         if number is not None and number < least:
-            raise InputError(f"{option} {number}: {algorithm} needs at least {least}")
+            raise InputError(f"{option} {number}: must be {least} or more")
     return SearchOptions(algorithm, sources, cycles, limit or 0, request.seed)
 
 
