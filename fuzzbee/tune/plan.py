@@ -180,28 +180,35 @@ def _logs(request: TuneRequest, options: SearchOptions) -> Plan:
     plain = replace(base, calibration=PLAIN) if calibrates else base
     flights = _read_flights(request, plain, may_smooth=not calibrates)
     groups = _log_groups(request, goal, flights)
-    named = request.hold_out or ()
-    searched, held_out = tasks.split(
-        flights, frozenset(flight.sha256 for flight in flights if flight.path in named)
-    )
-    _require_references(goal, (*searched, *held_out))
+    named = frozenset(each.sha256 for each in flights if each.path in (request.hold_out or ()))
+    searched, held_out = tasks.split(flights, named)
+    for flight in (*searched, *held_out):
+        if goal == "recovery":
+            recoveries(flight)
+        elif flight.reference != "none" and not flight.known[flight.window].any():
+            raise InputError(f"{flight.name}: no reference attitude where it would be scored")
     start = before = _with_tuned_gain(base, groups)
     if calibrates:
         start = replace(start, calibration=_fitted(request, plain, searched))
     task = tasks.Task(start, groups, searched, held_out, goal)
-    for flight in flights:  # when all checks have passed: an error is one single line
+    reference = "; ".join(dict.fromkeys(map(reference_text, flights)))
+    inputs = _report_flights(flights, {flight.sha256 for flight in held_out})
+    provenance = Provenance(inputs=inputs, seeds={"search": request.seed})
+    return Plan(request, task, before, options, reference, provenance)
+
+
+def _report_flights(flights: tuple[Flight, ...], held_out: set[str]) -> list[dict[str, str]]:
+    """Print what each flight is for, when all checks have passed; the same as the file has it."""
+    inputs = []
+    for flight in flights:
         if flight.refused is not None:
             notify(f"{flight.path}: {flight.refused}")
-    inputs, apart = [], {flight.sha256 for flight in held_out}
-    for flight in flights:
-        use = "held out" if flight.sha256 in apart else "tuned on"
+        use = "held out" if flight.sha256 in held_out else "tuned on"
         use = use if len(flights) > 1 else "its later part held out"
         rate = f"{flight.message} at {flight.rate_hz:.1f} Hz"
         print_line(f"{flight.name}: {rate}, reference: {reference_text(flight)}, {use}")
         inputs.append({"name": flight.name, "sha256": flight.sha256, "use": use})
-    reference = "; ".join(dict.fromkeys(map(reference_text, flights)))
-    provenance = Provenance(inputs=inputs, seeds={"search": request.seed})
-    return Plan(request, task, before, options, reference, provenance)
+    return inputs
 
 
 def _read_flights(request: TuneRequest, base: Profile, *, may_smooth: bool) -> tuple[Flight, ...]:
@@ -238,18 +245,6 @@ def _log_groups(request: TuneRequest, goal: str, flights: tuple[Flight, ...]) ->
             f"{tasks.MEMBERSHIP_RATE_HZ:g} Hz on ({BETTER_LOG})"
         )
     return groups
-
-
-def _require_references(goal: str, flights: tuple[Flight, ...]) -> None:
-    """Refuse a flight that has nothing to be scored by."""
-    for flight in flights:
-        if flight.reference == "none":
-            if goal == "recovery":
-                raise InputError(f"{flight.name}: --objective recovery needs a reference attitude")
-        elif not flight.known[flight.window].any():
-            raise InputError(f"{flight.name}: no reference attitude where it would be scored")
-        elif goal == "recovery":
-            recoveries(flight)
 
 
 def _with_tuned_gain(base: Profile, groups: tuple[str, ...]) -> Profile:
