@@ -25,10 +25,9 @@ from scipy.spatial.transform import Rotation
 from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import load_profile
 from estimator.types import DOWN
-from fuzzbee.replays.log_report import replay_log
 from fuzzbee.replays.motion import motion_mask
 from fuzzbee.replays.score import compare
-from fuzzbee.replays.trace import VehicleTrace
+from fuzzbee.replays.trace import VehicleTrace, replay_log
 
 MEAN_S = 10.0
 TAUS_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)

@@ -25,8 +25,7 @@ from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import Profile
 from estimator.types import DOWN
 from fuzzbee.calibration_readings import choose_compass, compass_readings, recording
-from fuzzbee.replays.log_report import refused_text, replay_log
-from fuzzbee.replays.trace import How, VehicleTrace
+from fuzzbee.replays.trace import How, VehicleTrace, refused_text, replay_log
 from tuning.calibration.cross_validation import WON
 from tuning.calibration.fit import SensorFit, fit_sensors
 from tuning.compass_fit import CompassFit, fit_compass

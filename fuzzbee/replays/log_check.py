@@ -24,11 +24,10 @@ from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import Vec3
 from fuzzbee.notify import printable
-from fuzzbee.replays.log_report import refused_text, replay_log
 from fuzzbee.replays.report import DifferenceSummary
 from fuzzbee.replays.score import by_name, differences_of, verdicts
 from fuzzbee.replays.table import difference_text
-from fuzzbee.replays.trace import How, VehicleTrace
+from fuzzbee.replays.trace import How, VehicleTrace, refused_text, replay_log
 from service.alarms import Alarm
 
 CLIPPED = {

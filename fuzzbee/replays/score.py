@@ -1,13 +1,16 @@
-"""How near a replayed estimate is to a reference, and all that a log's report has."""
+"""How near a replayed estimate is to a reference: the figures of ``replay LOG``."""
 
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from drivers.logs.reference_track import attitudes_at
 from drivers.logs.table import blocks
 from drivers.mavlink.constants import enum_name
 from estimator.arrays import Bools, Floats, Times
@@ -16,15 +19,46 @@ from estimator.filter.alignment import nearest_rotation
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.rotations import cross, rotate_inverse
 from estimator.live.rows import NORTHS
+from estimator.profile import Profile
 from estimator.types import DOWN
 from fuzzbee.attitudes import PLACE
 from fuzzbee.notify import printable
 from fuzzbee.replays import report
 from fuzzbee.replays.motion import motion_mask
-from fuzzbee.replays.trace import VehicleTrace
+from fuzzbee.replays.trace import AS_LIVE, How, VehicleTrace, replay_log
 from tuning.online.retuner import RetunedEstimator
 
 CONVERGED_RAD = np.radians(5.0)
+
+
+def report_log(
+    path: Path,
+    profile: Profile,
+    how: How = AS_LIVE,
+    reference: str | None = None,
+    skip_s: float = 0.0,
+) -> tuple[VehicleTrace, report.LogReport]:
+    """Replay a log, compare it and score it.
+
+    Raises:
+        InputError: the log cannot be replayed, lacks the reference, or ends before ``skip_s``.
+    """
+    started = time.perf_counter()
+    trace = replay_log(path, profile, how)
+    compare(path, trace, reference)
+    found = score(path, trace, skip_s)
+    if how.start_wrong_deg:
+        other = how._replace(system_id=trace.address.system_id, start_wrong_deg=0.0)
+        right = replay_log(path, profile, other)
+        # When nothing is left of a wrong start, beside the attitude without it: beside the truth
+        # it would count what is learnt of the declination or the vertical meanwhile. Another IMU
+        # may stand in after a turn: at other times.
+        since = int(np.searchsorted(trace["time_us"], trace.turned_at_us or 0))
+        times_us, q = trace["time_us"][since:], trace["q_ned_frd"][since:]
+        beside = attitudes_at(times_us, right["time_us"], right["q_ned_frd"])
+        forgotten_s = convergence_s(times_us, batch_angle_errors(q, beside)[:, 0])
+        found = replace(found, convergence_s=forgotten_s)
+    return trace, replace(found, wall_s=time.perf_counter() - started)
 
 
 def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:

@@ -11,9 +11,8 @@ from estimator.live.rows import Rows
 from estimator.profile import Profile
 from estimator.types import IDENTITY
 from fuzzbee.attitudes import PLACE
-from fuzzbee.replays.log_report import refused_text, replay_log
 from fuzzbee.replays.score import compare
-from fuzzbee.replays.trace import How
+from fuzzbee.replays.trace import How, refused_text, replay_log
 from tuning.calls import LoggedEstimator, split_calls
 from tuning.flight import Flight, sure_flight
 

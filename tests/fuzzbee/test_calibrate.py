@@ -12,7 +12,7 @@ from estimator.profile import load_profile
 from fuzzbee.calibration_readings import recording
 from fuzzbee.calibration_report import unmixed
 from fuzzbee.cli import main
-from fuzzbee.replays.log_report import replay_log
+from fuzzbee.replays.trace import replay_log
 from tests.fuzzbee.recording import PLANE, bench, rewritten, truth_of, with_iron
 from tests.programs import run_python
 
