@@ -40,7 +40,7 @@ from drivers.simulation.simulated_vehicle import SimulatedVehicle, imu_errors
 from estimator.calibration import Calibration
 from estimator.types import ImuSample
 from fuzzbee import Estimator
-from fuzzbee.calibration_readings import recording as flown_recording
+from fuzzbee.calibration_report import recording as flown_recording
 from tuning.calibration.fit import KEYS, fit_sensors
 from tuning.calibration.spans import Recording
 

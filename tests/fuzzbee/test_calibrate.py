@@ -9,8 +9,7 @@ import pytest
 
 from drivers.mavlink.constants import mavlink
 from estimator.profile import load_profile
-from fuzzbee.calibration_readings import recording
-from fuzzbee.calibration_report import unmixed
+from fuzzbee.calibration_report import recording, unmixed
 from fuzzbee.cli import main
 from fuzzbee.replays.trace import replay_log
 from tests.fuzzbee.recording import PLANE, bench, rewritten, truth_of, with_iron
