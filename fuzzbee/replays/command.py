@@ -206,7 +206,8 @@ def _report_logs(
     for line in lines:
         print_line(line)
     if options.as_json:
-        _print_json(reports[0] if len(reports) == 1 else {"logs": reports})
+        result = reports[0] if len(reports) == 1 else {"logs": reports}
+        print(msgspec.json.encode(result).decode())
     else:
         print_reports(reports)
 
@@ -235,6 +236,8 @@ def _fitting(path: Path, usual: "Profile", options: ReplayOptions) -> "Profile":
 
 
 def _replay_simulation(options: ReplayOptions) -> None:
+    import msgspec
+
     from estimator.profile import load_profile
     from fuzzbee.replays import simulation
     from fuzzbee.replays.table import print_simulation
@@ -255,12 +258,6 @@ def _replay_simulation(options: ReplayOptions) -> None:
         title = f"The paper's experiment, {what}, noise seeds {seeds}"
         simulation.draw(title, options.plot, results)
     if options.as_json:
-        _print_json(report)
+        print(msgspec.json.encode(report).decode())
     else:
         print_simulation(report)
-
-
-def _print_json(result: object) -> None:
-    import msgspec
-
-    print(msgspec.json.encode(result).decode())

@@ -73,35 +73,35 @@ def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:
             f" (there is: {', '.join(trace.available) or 'none'})"
         )
     trace.reference = wanted or next(iter(trace.available), None)
-
-    parts = [*blocks(len(trace))]
-
-    def errors(of: str) -> Iterator[Floats]:
-        names = (of, "reference_q_ned_frd")  # not mapped for longer than a part takes
-        return (batch_angle_errors(*(trace[name][rows] for name in names)) for rows in parts)
-
     source = trace.reference or "sim"  # which has none then
-    trace.put("reference_q_ned_frd", (_attitudes(trace, source, rows) for rows in parts))
-    trace.put("error_rad", errors("q_ned_frd"))
+    trace.put("reference_q_ned_frd", _attitudes(trace, source))
+    trace.put("error_rad", _errors(trace, "q_ned_frd"))
     if trace.has_peer:
-        trace.put("autopilot_q_ned_frd", (_attitudes(trace, "autopilot", rows) for rows in parts))
-        trace.put("autopilot_error_rad", errors("autopilot_q_ned_frd"))
+        trace.put("autopilot_q_ned_frd", _attitudes(trace, "autopilot"))
+        trace.put("autopilot_error_rad", _errors(trace, "autopilot_q_ned_frd"))
 
 
-def _attitudes(trace: VehicleTrace, source: str, rows: slice) -> Floats:
-    """``q_ned_frd`` (N, 4) of the IMU; NaN where it is not known.
+def _attitudes(trace: VehicleTrace, source: str) -> Iterator[Floats]:
+    """``q_ned_frd`` (N, 4) of the IMU, in parts; NaN where it is not known.
 
     The autopilot reports on the vehicle, or what its pilot is to see; the simulator's truth is the
     IMU's own.
     """
     track, view = trace.references[source], trace.vehicle.parameters.view
-    shown = track.at(trace["time_us"][rows])
-    if source == "autopilot" and track.message is not None and not view.is_imus:
+    message, is_view = track.message or "", source == "autopilot" and not view.is_imus
+    for rows in blocks(len(trace)):
+        shown = track.at(trace["time_us"][rows])
         ours = trace["q_ned_frd"][rows]
-        for k in np.flatnonzero(np.isfinite(shown[:, 0])).tolist():
+        for k in np.flatnonzero(np.isfinite(shown[:, 0])).tolist() if is_view else ():
             pair = tuple(shown[k].tolist()), tuple(ours[k].tolist())
-            shown[k] = view.of_imu(track.message, *pair) or np.nan
-    return shown
+            shown[k] = view.of_imu(message, *pair) or np.nan
+        yield shown
+
+
+def _errors(trace: VehicleTrace, of: str) -> Iterator[Floats]:
+    """The errors (N, 3) of a column's attitudes, in parts."""
+    for rows in blocks(len(trace)):
+        yield batch_angle_errors(trace[of][rows], trace["reference_q_ned_frd"][rows])
 
 
 def score(path: Path, trace: VehicleTrace, skip_s: float) -> report.LogReport:
