@@ -164,7 +164,7 @@ def _replay_logs(options: ReplayOptions) -> None:
     window = opt.time_window(options.begin, options.end)
     profiles = {name: load_profile(name) for name in names}
     way = (options.gain, options.system_id, options.start_wrong, options.retune, options.smooth)
-    how = How(*way, options.columns, window, reading_bar)
+    how = How(*way, options.columns, window, reading_bar, fits_built_in=not options.profile)
     viewer = outputs.open_viewer(options.view, options.rrd)
     if viewer is None:
         _report_logs(options, profiles, how)
@@ -190,8 +190,7 @@ def _report_logs(
     lines: list[str] = []  # printed when all went well only: a refusal must be one single line
     figure, reports = ComparisonPlot(), []
     for path, name in runs:
-        profile = profiles[name] if options.profile else _fitting(path, profiles[name], options)
-        trace, report = report_log(path, profile, how, options.reference, options.skip)
+        trace, report = report_log(path, profiles[name], how, options.reference, options.skip)
         if len(profiles) > 1:
             report = msgspec.structs.replace(report, profile=name)
         reports.append(report)
@@ -222,17 +221,6 @@ def _export(options: ReplayOptions, trace: "VehicleTrace", viewer: "ViewerSink |
         plot.draw(Path(options.sources[0]).name, options.plot, trace)
     if viewer is not None:
         exports.show(viewer, trace)
-
-
-def _fitting(path: Path, usual: "Profile", options: ReplayOptions) -> "Profile":
-    """The profile for a log for which none was chosen: that of fuzzbee's own vehicle's motion."""
-    from drivers.logs.open import built_in_motion, open_log
-    from drivers.simulation.simulated_vehicle import PROFILES
-    from estimator.profile import load_profile
-
-    with open_log(path, options.columns) as log:
-        name = PROFILES.get(built_in_motion(log) or "")
-    return usual if name is None else load_profile(name)
 
 
 def _replay_simulation(options: ReplayOptions) -> None:

@@ -63,7 +63,8 @@ class How(NamedTuple):
     few numbers of the profile are retuned on the way, with ``smooth`` the attitudes are by the
     whole log. ``columns`` describes a table. Only ``window`` is read; its seconds count from the
     log's beginning. ``reading`` is entered with the log while it is read, ``new_estimator`` makes
-    other estimators than those of ``retune`` and ``smooth``.
+    other estimators than those of ``retune`` and ``smooth``. ``fits_built_in`` is that of
+    :class:`service.pipeline.Pipeline`.
     """
 
     fixed_gain: float | None = None
@@ -75,6 +76,7 @@ class How(NamedTuple):
     window: TimeWindow = WHOLE_LOG
     reading: Callable[[LogFile], AbstractContextManager[object]] = nullcontext
     new_estimator: Callable[[Profile], Estimator] | None = None
+    fits_built_in: bool = False
 
 
 AS_LIVE = How()
@@ -181,7 +183,12 @@ class Replay:
         self._how = how
         self.why_empty: str | None = None  # why nothing of the log lay in the window
         new_estimator = how.new_estimator or self._new_estimator
-        self.pipeline = Pipeline(profile, system_id=how.system_id, new_estimator=new_estimator)
+        self.pipeline = Pipeline(
+            profile,
+            system_id=how.system_id,
+            new_estimator=new_estimator,
+            fits_built_in=how.fits_built_in,
+        )
         self._wrong_turn = exp(scale(radians(how.start_wrong_deg), WRONG_START_AXIS))
         self.traces: dict[events.VehicleId, VehicleTrace] = {}
         self.lines: list[str] = []
