@@ -10,6 +10,7 @@ import typer
 
 from estimator.errors import InputError
 from fuzzbee import options as opt
+from fuzzbee import outputs
 
 if TYPE_CHECKING:
     from estimator.geometry.earth import PlaceField
@@ -61,6 +62,7 @@ def calibrate(options: CalibrateOptions) -> None:
     from fuzzbee.calibration_report import report_calibration
     from fuzzbee.notify import notify
 
+    outputs.require_own_files([("--output", options.output)], options.logs)
     field = None if options.place is None else field_there(options.place)
     window = opt.time_window(options.begin, options.end)
     profile = load_profile(options.profile)
@@ -69,10 +71,10 @@ def calibrate(options: CalibrateOptions) -> None:
     for line in refused:
         notify(line)
     if options.output is not None:
-        from drivers.output_file import written_whole
+        from drivers.output_file import written_for
 
         calibrated = msgspec.structs.replace(profile, calibration=report["calibration"])
-        with written_whole(options.output) as path:
+        with written_for("--output", options.output) as path:
             path.write_text(profile_to_toml(calibrated), "utf-8")
     if options.as_json:
         print(msgspec.json.encode(report, enc_hook=lambda array: array.tolist()).decode())
