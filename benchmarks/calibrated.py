@@ -167,7 +167,7 @@ def flight_row(motion: str, seed: int) -> Row:
 
     with written(case, motion, seed + FLOWN_APART) as path:
         trace = fly(changed(read(path), spoiled)).trace
-        found = fit_sensors([flown_recording(path, trace, None)]).found
+        found = fit_sensors([flown_recording(trace, None)]).found
     events = recorded(case, motion, seed)
     wrong, row = changed(events, spoiled), Row()
     calibration = {"calibration": msgspec.to_builtins(found)}

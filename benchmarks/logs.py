@@ -87,7 +87,7 @@ def share(under: Bools, which: Bools) -> float | None:
 
 def score(path: Path, trace: VehicleTrace) -> Row | None:
     """The figures of one log; None if there is too little to compare with."""
-    compare(path, trace, None)
+    compare(trace, None)
     source, truth = trace.reference, trace["reference_q_ned_frd"]
     known = np.isfinite(truth[:, 0])
     if source is None or np.count_nonzero(known) < LEAST_COMPARED:

@@ -12,7 +12,6 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from drivers.logs.open import open_log
 from drivers.logs.other_sensors import compasses, currents
 from drivers.logs.table import Table, blocks
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
@@ -28,7 +27,7 @@ from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import Profile
 from estimator.types import DOWN
 from fuzzbee.attitudes import PLACE
-from fuzzbee.replays.trace import VELOCITIES, How, VehicleTrace, refused_text, replay_log
+from fuzzbee.replays.trace import VELOCITIES, How, VehicleTrace, replay_log
 from tuning.calibration.fit import fit_sensors
 from tuning.calibration.spans import Recording
 from tuning.compass_fit import CompassFit, fit_compass
@@ -65,23 +64,23 @@ def report_calibration(
     """
     plain = msgspec.structs.replace(profile, calibration=Calibration())
     how = How(system_id=system_id, window=window)
-    runs = [(path, replay_log(path, plain, how)) for path in paths]
-    messages = [choose_compass(*run, plain, compass) for run in runs]
-    is_fast = max(trace.step_s or inf for _, trace in runs) < 1.0 / SLOWEST_HZ
-    first = runs[0][1]
+    traces = [replay_log(path, plain, how) for path in paths]
+    messages = [choose_compass(trace, plain, compass) for trace in traces]
+    is_fast = max(trace.step_s or inf for trace in traces) < 1.0 / SLOWEST_HZ
+    first = traces[0]
     way_out = "several logs together need 20 samples a second or more"
     if is_fast:
         way_out = "turn it slowly about all axes, for two minutes or more"
     of_compass, why = dict[str, Any](), InputError(f"{paths[0]}: no constant shows: {way_out}")
     if len(paths) == 1:
         try:
-            of_compass = _report_compass(paths[0], first, field, messages[0], compass)
+            of_compass = _report_compass(first, field, messages[0], compass)
         except InputError as error:
             why = error
     sensors, parameters, found = dict[str, Any](), dict[str, float](), Calibration()
     if is_fast:
         try:
-            fit = fit_sensors([recording(*run, field) for run in runs])
+            fit = fit_sensors([recording(trace, field) for trace in traces])
         except np.linalg.LinAlgError as error:
             raise InputError(f"{paths[0]}: nothing fits these readings: {error}") from None
         found = fit.found
@@ -96,14 +95,14 @@ def report_calibration(
         raise why
     if first.kind[0] not in (None, MAV_AUTOPILOT_ARDUPILOTMEGA):
         parameters = {}
-    refused = [f"{path}: {text}" for path, trace in runs if (text := refused_text(trace))]
+    refused = [f"{trace.log.path}: {trace.refused}" for trace in traces if trace.refused]
     report = {"source": ", ".join(map(str, paths)), **of_compass}
     report |= {"calibration": in_sensor_axes(found, profile.mounting), "ardupilot": parameters}
     return report | sensors, refused
 
 
 def _report_compass(
-    path: Path, trace: VehicleTrace, field: PlaceField | None, message: str, compass: int | None
+    trace: VehicleTrace, field: PlaceField | None, message: str, compass: int | None
 ) -> dict[str, Any]:
     """What a log's trace shows of its compass, in the ``field`` of its place or of the one given.
 
@@ -115,8 +114,8 @@ def _report_compass(
     Raises:
         InputError: no position, no compass, or too few turns to find any offset.
     """
-    mag, q, there, current_a = compass_readings(path, trace)
-    field = field or trace.vehicle.estimator.place_field
+    mag, q, there, current_a = compass_readings(trace)
+    path, field = trace.log.path, field or trace.vehicle.estimator.place_field
     if not len(mag):
         raise InputError(f"{path}: no magnetometer")
     if field is None:
@@ -195,7 +194,7 @@ def in_sensor_axes(body: Calibration, mounting: Mounting) -> Calibration:
 # --- what is fitted of a replayed log: its IMU, one compass, velocities, current
 
 
-def choose_compass(path: Path, trace: VehicleTrace, profile: Profile, number: int | None) -> str:
+def choose_compass(trace: VehicleTrace, profile: Profile, number: int | None) -> str:
     """Put the field of another compass into the trace's columns; the name of its message.
 
     Raises:
@@ -203,12 +202,11 @@ def choose_compass(path: Path, trace: VehicleTrace, profile: Profile, number: in
     """
     if number is None:
         return trace.message
-    with open_log(path) as log:
-        found = compasses(log, trace.address.system_id)
+    found = compasses(trace.log, trace.address.system_id)
     known = sorted(found) or ([0] if trace["has_mag"].any() else [])
     if number not in known:
         there = ", ".join(map(str, known)) or "none"
-        raise InputError(f"{path}: no compass {number} (there is: {there})")
+        raise InputError(f"{trace.log.path}: no compass {number} (there is: {there})")
     if number not in found:
         return trace.message
     message, arrivals_us, mag = found[number]
@@ -224,9 +222,7 @@ def choose_compass(path: Path, trace: VehicleTrace, profile: Profile, number: in
     return message
 
 
-def compass_readings(
-    path: Path, trace: VehicleTrace
-) -> tuple[Floats, Floats, Bools, Floats | None]:
+def compass_readings(trace: VehicleTrace) -> tuple[Floats, Floats, Bools, Floats | None]:
     """Fields (N, 3) once the estimate has begun, attitudes (N, 4) then, and the current (N,).
 
     The third (N,) is true where velocity has shown the heading.
@@ -237,8 +233,7 @@ def compass_readings(
     there = there[int(SETTLED * len(there)) :]
     is_headed = trace["is_aided"] & (trace["heading_reference"] == PLACE["true"])
     is_headed &= trace["sigma_heading_rad"] < HEADED_RAD
-    with open_log(path) as log:
-        found = currents(log, trace.address.system_id)
+    found = currents(trace.log, trace.address.system_id)
     current_a = None
     if found:
         times_us, amperes = zip(*found, strict=True)
@@ -246,7 +241,7 @@ def compass_readings(
     return mag[there], q[there], is_headed[there], current_a
 
 
-def recording(path: Path, trace: VehicleTrace, field: PlaceField | None) -> Recording:
+def recording(trace: VehicleTrace, field: PlaceField | None) -> Recording:
     """The stretch of a trace that turns most, of what the estimate has an attitude for.
 
     Raises:
@@ -257,7 +252,7 @@ def recording(path: Path, trace: VehicleTrace, field: PlaceField | None) -> Reco
     rows = _liveliest(times_s, gyr, np.isfinite(q[:, 0]))
     first_s, last_s = times_s[rows][[0, -1]]
     if last_s - first_s < LEAST_S:
-        raise InputError(f"{path}: shorter than {LEAST_S:g} s")
+        raise InputError(f"{trace.log.path}: shorter than {LEAST_S:g} s")
     most = max(trace.velocities.values(), key=len, default=Table(**VELOCITIES))  # by message
     order = np.argsort(most["time_us"], kind="stable")
     at_s = 1e-6 * most["time_us"][order]

@@ -199,7 +199,7 @@ def _report_logs(
         if len(runs) == 1:
             _export(options, trace, viewer)
         elif options.plot is not None:
-            figure.add(path.name, name, trace)
+            figure.add(name, trace)
     if len(runs) > 1 and options.plot is not None:
         figure.draw(options.plot)
     for line in lines:
@@ -218,7 +218,7 @@ def _export(options: ReplayOptions, trace: "VehicleTrace", viewer: "ViewerSink |
         if (path := getattr(options, name)) is not None:
             getattr(exports, f"write_{name}")(path, trace)
     if options.plot is not None:
-        plot.draw(Path(options.sources[0]).name, options.plot, trace)
+        plot.draw(options.plot, trace)
     if viewer is not None:
         exports.show(viewer, trace)
 

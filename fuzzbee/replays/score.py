@@ -45,8 +45,8 @@ def report_log(
     """
     started = time.perf_counter()
     trace = replay_log(path, profile, how)
-    compare(path, trace, reference)
-    found = score(path, trace, skip_s)
+    compare(trace, reference)
+    found = score(trace, skip_s)
     if how.start_wrong_deg:
         other = how._replace(system_id=trace.address.system_id, start_wrong_deg=0.0)
         right = replay_log(path, profile, other)
@@ -61,7 +61,7 @@ def report_log(
     return trace, replace(found, wall_s=time.perf_counter() - started)
 
 
-def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:
+def compare(trace: VehicleTrace, wanted: str | None) -> None:
     """Put the wanted reference, or the best there is, beside the trace, whose ``reference`` it is.
 
     Columns: ``reference_q_ned_frd`` (N, 4) and ``error_rad`` (N, 3: total, heading, inclination),
@@ -69,7 +69,7 @@ def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:
     """
     if wanted is not None and wanted not in trace.available:
         raise InputError(
-            f"{path}: no reference '{wanted}' for vehicle {trace.address.system_id}"
+            f"{trace.log.path}: no reference '{wanted}' for vehicle {trace.address.system_id}"
             f" (there is: {', '.join(trace.available) or 'none'})"
         )
     trace.reference = wanted or next(iter(trace.available), None)
@@ -104,7 +104,7 @@ def _errors(trace: VehicleTrace, of: str) -> Iterator[Floats]:
         yield batch_angle_errors(trace[of][rows], trace["reference_q_ned_frd"][rows])
 
 
-def score(path: Path, trace: VehicleTrace, skip_s: float) -> report.LogReport:
+def score(trace: VehicleTrace, skip_s: float) -> report.LogReport:
     """The figures of a trace that has been compared."""
     times_us, norths = trace["time_us"], trace["heading_reference"]
     begin_s, end_s = trace.time_s[[0, -1]].tolist()
@@ -113,7 +113,8 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> report.LogReport:
     counted = ~np.isnan(total_rad)
     counted[: int(np.searchsorted(times_us, times_us[0] + 1e6 * skip_s))] = False
     if skip_s > 0.0 and not counted.any():
-        raise InputError(f"{path}: nothing is left to score after {skip_s:g} s of {lasts_s:.0f} s")
+        what = f"nothing is left to score after {skip_s:g} s of {lasts_s:.0f} s"
+        raise InputError(f"{trace.log.path}: {what}")
     moved = motion_mask(trace) if counted.any() else counted
     has_heading = norths > PLACE["none"]
     peers = {}
@@ -125,7 +126,7 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> report.LogReport:
     names = (None if number is None else enum_name(enum, number) for enum, number in kinds)
     counts = zip(NORTHS, np.bincount(norths[counted], minlength=len(NORTHS)).tolist(), strict=True)
     return report.LogReport(
-        source=printable(str(path)),
+        source=printable(str(trace.log.path)),
         vehicle=report.VehicleSummary(*trace.address, *names),
         imu=_imu_summary(trace),
         duration_s=lasts_s,

@@ -91,6 +91,7 @@ class VehicleTrace(Table):
     def __init__(self, address: events.VehicleId) -> None:
         super().__init__(**COLUMNS)
         self.address = address
+        self.log: LogFile  # what it was read from
         self.vehicle: Vehicle  # since the first sample
         self.kind: tuple[int | None, int | None] = None, None  # MAV_AUTOPILOT, MAV_TYPE
         self.imu_messages: Counter[str] = Counter()  # samples used of each
@@ -124,6 +125,15 @@ class VehicleTrace(Table):
     def rejected(self) -> Counter[str]:
         """What was refused, by reason: samples, and what of the log cannot be read."""
         return Counter[str](self.vehicle.rejected) + Counter(malformed=self.malformed)
+
+    @property
+    def refused(self) -> str:
+        """One line, where a good part of the log was refused."""
+        counts, used = self.rejected, len(self)
+        if counts.total() <= MUCH_REFUSED * (counts.total() + used):
+            return ""
+        reasons = ", ".join(f"{n} x {reason}" for reason, n in counts.most_common(MOST_REASONS))
+        return f"much was refused: {reasons}; {used} samples were used"
 
     @property
     def available(self) -> list[str]:
@@ -282,21 +292,12 @@ def replay_log(path: Path, profile: Profile, how: How = AS_LIVE) -> VehicleTrace
         whose = "" if how.system_id is None else f" of system id {how.system_id}"
         none = f"no IMU data{whose} that can be used{_seen_text(replay)}"
         raise InputError(f"{path}: {replay.why_empty or log.advice(how.system_id) or none}")
-    trace.lines = replay.lines
-    if refused := refused_text(trace):
-        trace.lines.append(refused)
+    trace.log, trace.lines = log, replay.lines
+    if trace.refused:
+        trace.lines.append(trace.refused)
     if how.smooth:
         _smooth(trace)
     return trace
-
-
-def refused_text(trace: VehicleTrace) -> str | None:
-    """One line, where a good part of the log was refused."""
-    counts, used = trace.rejected, len(trace)
-    if counts.total() <= MUCH_REFUSED * (counts.total() + used):
-        return None
-    reasons = ", ".join(f"{n} x {reason}" for reason, n in counts.most_common(MOST_REASONS))
-    return f"much was refused: {reasons}; {used} samples were used"
 
 
 def _seen_text(replay: Replay) -> str:

@@ -208,5 +208,5 @@ def test_that_no_other_compass_has_its_motors_counted_by_current(was, others):
 
 def test_of_several_messages_with_a_velocity_one_is_read():
     trace = replay_log(PLANE, load_profile("imu"))
-    steps_s = np.diff(recording(PLANE, trace, None).velocity_time_s)
+    steps_s = np.diff(recording(trace, None).velocity_time_s)
     assert steps_s.min() > 0.19  # each comes five times a second
