@@ -1,11 +1,11 @@
 """A log replayed: a table of estimates and samples, references, counts."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from math import radians
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,13 +19,12 @@ from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, scale
-from estimator.live.rows import NORTHS
 from estimator.profile import Profile
 from estimator.types import Attitude, ImuSample, Vec3
 from fuzzbee.attitudes import PLACE
 from service.pipeline import Pipeline
-from service.publishing import attitude_record, is_finite
-from service.records import AttitudeRecord, Message
+from service.publishing import is_finite
+from service.records import Message
 from service.vehicle import Vehicle
 from tuning.online.retuner import RetunedEstimator
 
@@ -153,24 +152,6 @@ class VehicleTrace(Table):
         north = PLACE[attitude.heading_reference]
         self.has_heading |= sample.has_mag or north > 0
         self.append(arrival_us, unix_us, *attitude[:-1], north, *sample[1:], aided)
-
-    def published(
-        self, rows: slice, stamps_us: Iterable[int]
-    ) -> Iterator[tuple[AttitudeRecord | None, ImuSample]]:
-        """What the service would have published with samples, whose Unix times are given."""
-        each = zip(self._rows(Attitude, rows), self._rows(ImuSample, rows), stamps_us, strict=True)
-        for attitude, sample, unix_us in each:
-            times = {"time_unix_us": unix_us, "time_boot_us": sample.time_us}
-            yield attitude_record(attitude, sequence=0, **times), sample
-
-    def _rows(self, kind: Any, rows: slice) -> Iterator[Any]:
-        """The attitudes or the samples of some rows as the estimator has them."""
-        columns = []
-        for name in kind._fields:
-            found = self[name][rows]
-            values = np.array(NORTHS)[found] if name == "heading_reference" else found
-            columns.append(map(tuple, values.tolist()) if values.ndim > 1 else values.tolist())
-        return map(kind, *columns)
 
     @property
     def zero_us(self) -> int:
