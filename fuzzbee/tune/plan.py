@@ -266,4 +266,6 @@ def _fitted(request: TuneRequest, plain: Profile, searched: tuple[Flight, ...]) 
     if (last := searched[0].last) is not None:  # the rest of the only one is held out
         end = searched[0].begin_s + float(searched[0].time_s[last])
     paths = [flight.path for flight in searched]
-    return report_calibration(paths, plain, window=TimeWindow(begin, end)).calibration
+    report, _ = report_calibration(paths, plain, window=TimeWindow(begin, end))
+    found: Calibration = report["calibration"]
+    return found
