@@ -5,7 +5,6 @@ What checks a value raises an InputError that names the option and the value.
 
 import inspect
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from copy import copy
 from functools import partial, wraps
 from importlib.util import find_spec
@@ -19,8 +18,6 @@ from estimator.errors import InputError, missing_extra
 from fuzzbee.notify import notify
 
 if TYPE_CHECKING:
-    import zenoh
-
     from drivers.logs.time_window import Moment, TimeWindow
     from service.zenoh_session import OpeningSession
 
@@ -206,16 +203,8 @@ class ZenohArguments(NamedTuple):
     prefix: str = of_zenoh("What all keys begin with.", default="fuzzbee")
 
 
-def opening(arguments: ZenohArguments) -> "closing[OpeningSession]":
+def opening(arguments: ZenohArguments) -> "OpeningSession":
     """A session on its way, half a second, in which all else is loaded; closed at the end."""
     from service.zenoh_session import OpeningSession, ZenohOptions
 
-    return closing(OpeningSession(ZenohOptions(*arguments)))
-
-
-def opened(awaited: "OpeningSession") -> "zenoh.Session":
-    """The session, once it is open; a line names what it lacks."""
-    session = awaited.session()
-    if awaited.note is not None:
-        notify(awaited.note)
-    return session
+    return OpeningSession(ZenohOptions(*arguments), notify)

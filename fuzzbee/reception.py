@@ -1,28 +1,56 @@
 """What ``watch`` takes from the network: records that can be shown."""
 
 import re
-from collections.abc import Callable
-from typing import Any
+from collections import deque
+from collections.abc import Callable, Iterator
+from threading import Event
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from fuzzbee.notify import printable
 from service.records import SCHEMA, AttitudeRecord, StatusRecord
 
+if TYPE_CHECKING:
+    import zenoh
+
 VEHICLE = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
-# In bytes. Our largest record, a status with every reason for refusal, has less than 5000.
-LONGEST_PAYLOAD = 16_384
+# 2 s of 50 vehicles at 100 Hz. When it is full the oldest is dropped: the newest is worth most.
+MAX_PENDING = 10_000
+MOST_BYTES = 100_000  # anything longer is not kept; of what is kept more than this is refused:
+LONGEST_PAYLOAD = 16_384  # our largest record, a status with every reason, has less than 5000
 SHOWN = 80  # so many characters of a key are printed
 
 Record = AttitudeRecord | StatusRecord
 
 
 class Reception:
-    """Turns keys and payloads into records; reports once for each reason why some are refused."""
+    """Keeps samples between zenoh's thread and ours, and turns them into records.
+
+    Reports once for each reason why some are refused.
+    """
 
     def __init__(self, notify: Callable[[str], None]) -> None:
+        self.has_heard = False  # anything at all
         self._notify = notify
         self._reported: set[str] = set()
+        self._samples: deque[tuple[str, bytes]] = deque(maxlen=MAX_PENDING)
+        self._have_come = Event()
+
+    def put(self, sample: "zenoh.Sample") -> None:
+        """Take one; called by zenoh."""
+        if len(sample.payload) <= MOST_BYTES:
+            self._samples.append((str(sample.key_expr), sample.payload.to_bytes()))
+            self._have_come.set()
+
+    def records(self, timeout_s: float) -> Iterator[tuple[str, Record]]:
+        """Vehicles' names and records that wait, after at most ``timeout_s`` for the first."""
+        self._have_come.wait(timeout_s)
+        self._have_come.clear()
+        for _ in range(len(self._samples)):
+            self.has_heard = True
+            if (received := self.record(*self._samples.popleft())) is not None:
+                yield received
 
     def record(self, key: str, payload: bytes) -> tuple[str, Record] | None:
         """The vehicle's name and its record, or None."""
