@@ -26,7 +26,7 @@ PROFILES = ("paper", "imu", "adaptive")
 SIMULATION = "sim:"  # the paper's signals, in place of a log
 
 KEYWORD = inspect.Parameter.KEYWORD_ONLY
-Form = TypeVar("Form", bound=NamedTuple)
+Options = TypeVar("Options", bound=NamedTuple)
 Result = TypeVar("Result")
 
 
@@ -62,18 +62,10 @@ JSON = showing("JSON on standard output, nothing else there.", "--json", default
 VERBOSE = showing("Say more on standard error.", "--verbose", "-v", default=False)
 
 
-def form(options: type[Form]) -> type[Form]:
-    """A named tuple whose fields are options; one that is made without typer has their defaults."""
-    fields: Any = options
-    defaults = fields._field_defaults.values()
-    fields.__new__.__defaults__ = tuple(getattr(each, "default", each) for each in defaults)
-    return options
+def command(verb: Callable[[Options], Result]) -> Callable[..., Result]:
+    """The verb as typer takes it: a parameter for each field of the named tuple that it takes.
 
-
-def command(verb: Callable[[Form], Result]) -> Callable[..., Result]:
-    """The verb as typer takes it: a parameter for each field of the form that it takes.
-
-    A field that is a form itself stands for that one's fields.
+    A field that is a named tuple itself stands for that one's fields.
     """
     options = next(iter(get_type_hints(verb).values()))
     parameters = [*_parameters(options)]
@@ -89,21 +81,24 @@ def command(verb: Callable[[Form], Result]) -> Callable[..., Result]:
 
 
 def _parameters(options: Any) -> Iterator[inspect.Parameter]:
-    for name, kind in get_type_hints(options).items():
-        if hasattr(kind, "_fields"):
-            yield from _parameters(kind)
+    kinds = get_type_hints(options)
+    for name, default in options._field_defaults.items():
+        if hasattr(default, "_fields"):
+            yield from _parameters(type(default))
             continue
-        info = copy(options._field_defaults[name])
+        info = copy(default)
         if isinstance(info, OptionInfo) and not info.param_decls:
             info.param_decls = (flag_of(name),)  # typer's own name would give flags a second one
-        yield inspect.Parameter(name, KEYWORD, default=info, annotation=kind)
+        yield inspect.Parameter(name, KEYWORD, default=info, annotation=kinds[name])
 
 
 def _made(options: Any, given: dict[str, Any]) -> Any:
-    """The form, and those in it, of the values that were given."""
-    kinds = get_type_hints(options).items()
+    """The options, and those in them, of the values that were given."""
     return options(
-        *(_made(k, given) if hasattr(k, "_fields") else given[name] for name, k in kinds)
+        *(
+            _made(type(default), given) if hasattr(default, "_fields") else given[name]
+            for name, default in options._field_defaults.items()
+        )
     )
 
 
@@ -113,7 +108,7 @@ def flag_of(name: str) -> str:
 
 
 def asked_for(options: Any, *names: str) -> dict[str, Any]:
-    """By their flags those fields of a form, of all if none is named, that are not as without."""
+    """By their flags the fields that are not as without; of all fields if none is named."""
     infos = options._field_defaults
     return {
         next(iter(infos[name].param_decls), flag_of(name)): value
@@ -174,7 +169,6 @@ def _moment(name: str, given: Any) -> "Moment | None":
     return seconds
 
 
-@form
 class ZenohArguments(NamedTuple):
     """What run and watch are asked for of the session that they share."""
 

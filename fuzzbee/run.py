@@ -31,18 +31,13 @@ _SECOND = "Publish even if another service publishes the same vehicle."
 
 _OF_SINKS = {name: each for entry in outputs.SINKS for name, each in entry.options.items()}
 _OF_SINKS |= {"view": (str | None, outputs.VIEW), "rrd": (str | None, outputs.RRD)}
-_new: Any = namedtuple  # noqa: PYI024 - the names are those of a table
+# A field for each option of the sinks, and two
+OutputOptions: Any = namedtuple(  # noqa: PYI024 - the names are those of a table
+    "OutputOptions", _OF_SINKS, defaults=[info for _, info in _OF_SINKS.values()]
+)
+OutputOptions.__annotations__ = {name: kind for name, (kind, _) in _OF_SINKS.items()}
 
 
-@opt.form
-class OutputOptions(_new("_Options", _OF_SINKS, defaults=[i for _, i in _OF_SINKS.values()])):  # type: ignore[misc]
-    """What was asked for: for each option of :data:`fuzzbee.outputs.SINKS` a field, and two."""
-
-    __slots__ = ()
-    __annotations__ = {name: kind for name, (kind, _) in _OF_SINKS.items()}
-
-
-@opt.form
 class RunOptions(NamedTuple):
     """The arguments and options of the verb; the help has them by panels."""
 
@@ -60,7 +55,7 @@ class RunOptions(NamedTuple):
     truth: bool = opt.estimate(_TRUTH, default=False)
     rate_hz: float = opt.publishing("Attitudes a second.", "--rate", default=100.0, metavar="HZ")
     no_zenoh: bool = opt.publishing("Publish nothing on Zenoh.", default=False)
-    outputs: OutputOptions = OutputOptions()
+    outputs: Any = OutputOptions()
     record: str | None = opt.recording(
         "Record what arrives: FILE.tlog, or a folder for a file an hour.", metavar="FILE|DIR"
     )

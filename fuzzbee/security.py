@@ -22,7 +22,6 @@ INSECURE = "Take a key file that others may read."
 _KEY = "Refuse frames not signed with the key (32 bytes, 64 hex digits) or phrase there."
 
 
-@opt.form
 class SecurityOptions(NamedTuple):
     """What was asked for. The key stays in its file until it is needed."""
 

@@ -45,7 +45,6 @@ _notify = partial(notify, who="fuzzbee sim: ")
 link, vehicle = (partial(opt.option, rich_help_panel=panel) for panel in ("Link", "Vehicle"))
 
 
-@opt.form
 class SimOptions(NamedTuple):
     """The options of the verb; the help has them by panels."""
 

@@ -32,7 +32,6 @@ FAILED = 1
 _VEHICLE = "Only this vehicle (system id, or S-C): on a terminal an artificial horizon."
 
 
-@opt.form
 class WatchOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 

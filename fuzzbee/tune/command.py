@@ -45,7 +45,6 @@ EPILOG = opt.examples(
 )
 
 
-@opt.form
 class TuneRequest(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
