@@ -108,11 +108,11 @@ def flag_of(name: str) -> str:
 
 
 def asked_for(options: Any, *names: str) -> dict[str, Any]:
-    """By their flags the fields that are not as without; of all fields if none is named."""
+    """By their flags those of these fields that are not as without."""
     infos = options._field_defaults
     return {
         next(iter(infos[name].param_decls), flag_of(name)): value
-        for name in names or options._fields
+        for name in names
         if (value := getattr(options, name)) != infos[name].default
     }
 

@@ -87,10 +87,9 @@ def parse_address_of(text: str) -> "VehicleId":
 
 def _metrics(options: Any, _session: Any) -> "Sink":
     opt.require_extra("prometheus_client", "--metrics", "metrics")
-    from fuzzbee.latest import Latest
-    from service.sinks.metrics import MetricsSink
+    from fuzzbee.metrics import MetricsSink
 
-    return MetricsSink(options.outputs.metrics, Latest())
+    return MetricsSink(options.outputs.metrics)
 
 
 def _together(options: Any, session: "zenoh.Session | None") -> "Sink":
@@ -149,34 +148,23 @@ def open_outputs(options: Any, session: "zenoh.Session | None") -> "Iterator[Sin
         yield viewer
 
 
-class ViewerOptions(NamedTuple):
-    """What was asked for: a window or "web", or None; a file, or None. Live, the past is less."""
-
-    view: str | None = None
-    rrd: str | None = None
-    live: bool = False
-
-
-def viewer_options(
-    view: str | None, rrd: str | None, *, live: bool = False
-) -> ViewerOptions | None:
-    """The viewer that the options ask for; None if they ask for none."""
+def wants_viewer(view: str | None, rrd: str | None) -> bool:
+    """Whether the options ask for a viewer; refuses one that there is not."""
     if view is None and rrd is None:
-        return None
+        return False
     if view not in (None, "window", "web"):
         raise InputError(f"--view {view}: should be window or web")
     opt.require_extra("rerun", "the viewer", "viewer")
-    return ViewerOptions(view, rrd, live)
+    return True
 
 
 def open_viewer(view: str | None, rrd: str | None, *, live: bool = False) -> "ViewerSink | None":
     """The viewer that was asked for, if any."""
-    options = viewer_options(view, rrd, live=live)
-    if options is None:
+    if not wants_viewer(view, rrd):
         return None
     from fuzzbee.viewer.viewer import ViewerSink
 
-    return ViewerSink(options)
+    return ViewerSink(view, rrd, live=live)
 
 
 def require_own_files(

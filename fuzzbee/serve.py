@@ -54,10 +54,9 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     fitting = PROFILES[endpoint.path or SIM_MOTION] if endpoint.kind == "sim" else DEFAULT_PROFILE
     profile_name = options.profile or fitting
     profile = load_profile(profile_name)
-    asked = options.security
-    key = security.key_of(asked.signing_key_file, is_insecure=asked.insecure_key_file)
+    key = security.key_of(options.signing_key_file, is_insecure=options.insecure_key_file)
     _require_fitting(options, endpoint)
-    outputs.viewer_options(options.outputs.view, options.outputs.rrd)
+    outputs.wants_viewer(options.outputs.view, options.outputs.rrd)
     requests = ParameterRequests()
     problems: list[Exception] = []  # which end the run
     with ExitStack() as stack:
@@ -111,7 +110,8 @@ def _require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
     if options.speed != 1.0 and endpoint.kind != "log":
         raise InputError(f"--speed is for logs, {endpoint} comes at its own pace")
     asked = opt.asked_for(options, "record", "request_rate_hz")
-    for option in (*asked, *opt.asked_for(options.security)):
+    secured = ("allow_system_ids", "signing_key_file", "insecure_key_file")
+    for option in (*asked, *opt.asked_for(options, *secured)):
         if endpoint.kind == "log":
             raise InputError(f"{option} is for a live vehicle, {endpoint} is a log")
         if endpoint.kind == "sim" and option in asked:
@@ -130,7 +130,7 @@ def _open_source(
 
         log = stack.enter_context(open_log(Path(endpoint.path)))
         return Player(imu_events(log), options.speed, follow=log.follow), None
-    policy = security.open_policy(options.security, key, stack)
+    policy = security.open_policy(options.allow_system_ids, key, stack)
     if options.outputs.send_as is not None:
         policy = policy._replace(own=outputs.parse_address_of(options.outputs.send_as))
     shows_others = options.truth or options.outputs.view or options.outputs.rrd
@@ -150,20 +150,17 @@ def _open_source(
         references=bool(shows_others),  # else they need not be decoded
     )
     try:
-        return stack.enter_context(source), recorder
+        stack.enter_context(source)
     except BaseException:
         if recorder is not None and is_new:
             recorder.close()
-            _remove_empty(target)
+            with suppress(OSError):  # a folder that holds something
+                if target.is_dir():
+                    target.rmdir()
+                elif target.stat().st_size == 0:
+                    target.unlink()
         raise
-
-
-def _remove_empty(target: Path) -> None:
-    with suppress(OSError):
-        if target.is_dir():
-            target.rmdir()
-        elif target.stat().st_size == 0:
-            target.unlink()
+    return source, recorder
 
 
 def _pipeline(

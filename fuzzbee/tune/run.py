@@ -25,7 +25,6 @@ from tuning.search import Record, Search, checkpoint_path, read_checkpoint, writ
 from tuning.space import encode, profile_with, values_of
 
 if TYPE_CHECKING:
-    from fuzzbee.outputs import ViewerOptions
     from fuzzbee.tune.view import SearchView
 
 # A checkpoint is written this often, so a power cut costs no more of a search.
@@ -34,7 +33,7 @@ NO_GAIN = 1
 INTERRUPTED = 130
 
 
-def run_plan(plan: Plan, viewer: "ViewerOptions | None") -> int:
+def run_plan(plan: Plan) -> int:
     """Search, write the profile, report; the exit status.
 
     On logs a profile that gains nothing on what was held out, or harms it, is written with
@@ -47,10 +46,11 @@ def run_plan(plan: Plan, viewer: "ViewerOptions | None") -> int:
         print_line(f"{checkpoint}: an unfinished search, not resumed; it will be replaced")
     with ExitStack() as stack:
         view = None
-        if viewer is not None:
+        if request.view is not None or request.rrd is not None:
             from fuzzbee.tune.view import SearchView
 
-            view = stack.enter_context(closing(SearchView(viewer, plan.task.space)))
+            view = SearchView(plan.task.space, request.view, request.rrd)
+            stack.enter_context(closing(view))
         with stop_on_signals(stop.set):
             search, is_finished, by_chance = _run(plan, record, stop, view)
             found = _found(plan, search, is_finished=is_finished)

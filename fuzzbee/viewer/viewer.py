@@ -6,7 +6,6 @@ from math import degrees, hypot, nan
 from drivers.events import VehicleId
 from estimator.geometry.quaternion import angle_between, norm, rotate, scale
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, Quaternion
-from fuzzbee.outputs import ViewerOptions
 from fuzzbee.verdict import Level, verdict_of
 from fuzzbee.viewer import layout
 from fuzzbee.viewer.stream import CLOSED, TIMELINE, ViewerStream, rr
@@ -31,8 +30,10 @@ class ViewerSink(ViewerStream):
 
     name = "viewer"
 
-    def __init__(self, options: ViewerOptions) -> None:
-        super().__init__(options, layout.blueprint())
+    def __init__(
+        self, view: str | None = None, rrd: str | None = None, *, live: bool = False
+    ) -> None:
+        super().__init__(layout.blueprint(), view, rrd, live=live)
         self._tracks: dict[VehicleId, Track] = {}
         self._has_left_out = False
         self._now_us = self._flushed_us = 0

@@ -28,7 +28,6 @@ from tests.service.records import UNIX_US, record, status
 
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
-from fuzzbee.outputs import ViewerOptions
 from fuzzbee.viewer import process as viewer_process
 from fuzzbee.viewer.layout import PLOTS
 from fuzzbee.viewer.viewer import MOST_VEHICLES, ViewerSink
@@ -51,7 +50,7 @@ def attitudes(vehicle, count, period_us, yaw_from=0.0, yaw_step=1.0):
 def drawn(tmp_path, turns, **options):
     """The file that is there after these turns of the loop."""
     file = tmp_path / "flight.rrd"
-    sink = ViewerSink(ViewerOptions(rrd=str(file), **options))
+    sink = ViewerSink(rrd=str(file), **options)
     for outputs in turns:
         sink.handle(outputs)
     sink.close()
@@ -146,7 +145,7 @@ def test_a_file_that_has_no_room_for_its_end_is_not_whole(tmp_path):
     """A limit on the size of a file stands for the disk."""
     resource = pytest.importorskip("resource")
     file = tmp_path / "flight.rrd"
-    sink = ViewerSink(ViewerOptions(rrd=str(file)))
+    sink = ViewerSink(rrd=str(file))
     sink.handle([*attitudes(ONE, 100, 100_000)])
     sink.flush(10.0)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -184,7 +183,7 @@ def is_open(port):
 
 
 def test_a_viewer_that_is_closed_is_reported_once():
-    with closing(ViewerSink(ViewerOptions(view="web"))) as sink:
+    with closing(ViewerSink(view="web")) as sink:
         first, *rest = attitudes(ONE, 3, 100_000)
         sink.handle([first])
         sink.process._process.kill()
