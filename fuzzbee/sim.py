@@ -1,7 +1,4 @@
-"""``fuzzbee sim``: the simulated vehicle as a MAVLink process.
-
-Options that cannot be used raise ``InputError``, as everywhere.
-"""
+"""``fuzzbee sim``: the simulated vehicle as a MAVLink process."""
 
 import json
 import threading
@@ -39,7 +36,6 @@ _MOTION = (
 )
 # One paragraph for each form. The help text is wrapped anew, so columns would not stay aligned.
 _LINK_HELP = "\n\n".join(" ".join(row.split()) for row in endpoint_help(LINK_KINDS).splitlines())
-
 
 _notify = partial(notify, who="fuzzbee sim: ")
 link, vehicle = (partial(opt.option, rich_help_panel=panel) for panel in ("Link", "Vehicle"))
@@ -93,7 +89,7 @@ def sim(options: SimOptions) -> int:
         _notify(
             f"{vehicles} vehicle{'s' * (vehicles > 1)} at {options.rate:g} Hz, {connection.address}"
         )
-        errors = _imu_errors(options.imu_errors)
+        errors = {} if options.imu_errors is None else _imu_errors(options.imu_errors)
         for name, value in errors.items():
             _notify(f"{name}: {value}")
         begun_s = time.monotonic()
@@ -149,10 +145,8 @@ def _print_json(
     print(json.dumps(result | {"imu_errors": errors} if errors else result), flush=True)
 
 
-def _imu_errors(seed: int | None) -> dict[str, Any]:
+def _imu_errors(seed: int) -> dict[str, Any]:
     """The truth of ``--imu-errors`` of vehicle 1: the profile's [calibration] that undoes it."""
-    if seed is None:
-        return {}
     import numpy as np
 
     from drivers.simulation.simulated_vehicle import imu_errors

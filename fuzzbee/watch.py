@@ -73,7 +73,8 @@ def follow(options: WatchOptions) -> int:
     from fuzzbee.terminal import PersonConsole, TerminalView, terminal_keys
     from service.signals import stop_on_signals
 
-    stop, view, keys = Event(), None, list
+    stop, view = Event(), None
+    keys: Callable[[], list[str]] = list
     prefix, name = options.zenoh.prefix, options.vehicle or "*"
     with ExitStack() as stack:
         session = stack.enter_context(opt.opening(options.zenoh)).session()
