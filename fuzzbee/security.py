@@ -12,6 +12,7 @@ from fuzzbee.notify import notify
 
 if TYPE_CHECKING:
     from drivers.mavlink.gate import Policy
+    from fuzzbee.run import RunOptions
 
 LONGEST_KEY_FILE = 4096  # bytes
 PIPE_S = 5.0  # for whoever writes the key into a pipe
@@ -50,11 +51,12 @@ def key_of(path: Path | None, *, is_insecure: bool) -> bytes | None:
     return signing_key(content)
 
 
-def open_policy(system_ids: str | None, key: bytes | None, stack: ExitStack) -> "Policy":
+def open_policy(options: "RunOptions", stack: ExitStack) -> "Policy":
     """The policy for frames: which systems are let in, and whether frames must be signed."""
     from drivers.mavlink.gate import Policy
 
-    allowed = parse_system_ids(system_ids)
+    allowed = parse_system_ids(options.allow_system_ids)
+    key = key_of(options.signing_key_file, is_insecure=options.insecure_key_file)
     if key is None:
         return Policy(allowed)
     from drivers.mavlink.signing import SigningCheck, state_path

@@ -54,14 +54,13 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     fitting = PROFILES[endpoint.path or SIM_MOTION] if endpoint.kind == "sim" else DEFAULT_PROFILE
     profile_name = options.profile or fitting
     profile = load_profile(profile_name)
-    key = security.key_of(options.signing_key_file, is_insecure=options.insecure_key_file)
     _require_fitting(options, endpoint)
     outputs.wants_viewer(options.outputs.view, options.outputs.rrd)
     requests = ParameterRequests()
     problems: list[Exception] = []  # which end the run
     with ExitStack() as stack:
         # first, and once: what comes meanwhile is recorded
-        source, recorder = _open_source(endpoint, options, key, stack)
+        source, recorder = _open_source(endpoint, options, stack)
         session = None if opening is None else opening.session()
         pipeline = _pipeline(profile, options, requests, stack)
         if options.truth or endpoint.kind == "sim":
@@ -122,7 +121,7 @@ def _require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
 
 
 def _open_source(
-    endpoint: Endpoint, options: RunOptions, key: bytes | None, stack: ExitStack
+    endpoint: Endpoint, options: RunOptions, stack: ExitStack
 ) -> tuple["MavlinkLink | Player", Recorder | None]:
     """Open a link, ``sim:`` or a log that is played; and a link's recorder, if asked for."""
     if endpoint.kind == "log":
@@ -130,7 +129,7 @@ def _open_source(
 
         log = stack.enter_context(open_log(Path(endpoint.path)))
         return Player(imu_events(log), options.speed, follow=log.follow), None
-    policy = security.open_policy(options.allow_system_ids, key, stack)
+    policy = security.open_policy(options, stack)
     if options.outputs.send_as is not None:
         policy = policy._replace(own=outputs.parse_address_of(options.outputs.send_as))
     shows_others = options.truth or options.outputs.view or options.outputs.rrd
