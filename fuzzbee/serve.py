@@ -153,13 +153,17 @@ def _open_source(
     except BaseException:
         if recorder is not None and is_new:
             recorder.close()
-            with suppress(OSError):  # a folder that holds something
-                if target.is_dir():
-                    target.rmdir()
-                elif target.stat().st_size == 0:
-                    target.unlink()
+            _remove_empty(target)
         raise
     return source, recorder
+
+
+def _remove_empty(target: Path) -> None:
+    with suppress(OSError):
+        if target.is_dir():
+            target.rmdir()
+        elif target.stat().st_size == 0:
+            target.unlink()
 
 
 def _pipeline(
