@@ -72,7 +72,7 @@ def _mavlink(options: Any, _session: Any, name: str = "send_attitude") -> "Sink 
         endpoint = parse_endpoint(getattr(asked, name))
         return MavlinkSink(endpoint, attitudes=attitudes, announces=announces, appears_as=other)
     except InputError as error:
-        raise InputError(f"--{name.replace('_', '-')}: {error}") from error
+        raise InputError(f"{opt.flag_of(name)}: {error}") from error
 
 
 def parse_address_of(text: str) -> "VehicleId":
@@ -175,9 +175,9 @@ def require_own_files(
     A link leads to the same file, by whatever name; a bag is a folder, and what a table's columns
     are stands beside it.
     """
-    taken = [Path(each) for each in inputs if each is not None]
-    taken += [columns_beside(each) for each in taken if each.suffix.lower() in TABLES]
-    folders = {os.path.realpath(each): each for each in taken if os.path.isdir(each)}  # noqa: PTH112
+    read = [Path(each) for each in inputs if each is not None]
+    read += [columns_beside(each) for each in read if each.suffix.lower() in TABLES]
+    written: list[Path] = []
     for option_name, file in outputs:
         if file is None:
             continue
@@ -185,13 +185,13 @@ def require_own_files(
         folder = Path(os.path.realpath(path)).parent
         if not folder.is_dir():
             raise InputError(f"{option_name} {path}: there is no such folder")
-        for other in taken:
+        for other in (*read, *written):
             if _are_same(path, other):
                 raise InputError(f"{option_name} {path}: is also {other}")
-        for above in (folder, *folder.parents):
-            if (within := folders.get(str(above))) is not None:
-                raise InputError(f"{option_name} {path}: is within {within}")
-        taken.append(path)
+        for other in read:
+            if folder.is_relative_to(os.path.realpath(other)):
+                raise InputError(f"{option_name} {path}: is within {other}")
+        written.append(path)
 
 
 def _are_same(one: Path, other: Path) -> bool:
