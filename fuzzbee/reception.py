@@ -32,7 +32,7 @@ class Reception:
 
     def __init__(self, notify: Callable[[str], None]) -> None:
         self.has_heard = False  # anything at all
-        self._notify = notify
+        self.notify = notify
         self._reported: set[str] = set()
         self._samples: deque[tuple[str, bytes]] = deque(maxlen=MAX_PENDING)
         self._have_come = Event()
@@ -62,7 +62,7 @@ class Reception:
         if fault not in self._reported:
             self._reported.add(fault)
             where = repr(printable(key, SHOWN))
-            self._notify(f"ignored: somebody publishes on {where}, but {fault}")
+            self.notify(f"ignored: somebody publishes on {where}, but {fault}")
         return None
 
 

@@ -170,21 +170,18 @@ def _pipeline(
     profile: Profile, options: RunOptions, requests: ParameterRequests, stack: ExitStack
 ) -> ScoredPipeline:
     """The pipeline, whose estimators are watched by a thread that retunes if that is asked for."""
-    retuning = None
+    pipeline = ScoredPipeline(
+        profile,
+        system_id=options.system_id,
+        new_estimator=partial(Estimator, fixed_gain=options.gain),
+        fits_built_in=options.profile is None,
+        rate_hz=options.rate_hz,
+    )
     if options.retune:
         from fuzzbee.retuning import Retuning  # which loads what searches
 
         retuning = stack.enter_context(Retuning(requests, options.gain))
-    plain = partial(Estimator, fixed_gain=options.gain)
-    pipeline = ScoredPipeline(
-        profile,
-        system_id=options.system_id,
-        new_estimator=plain if retuning is None else retuning.estimator,
-        fits_built_in=options.profile is None,
-        rate_hz=options.rate_hz,
-    )
-    if retuning is not None:
-        retuning.pipeline = pipeline
+        retuning.pipeline, pipeline.new_estimator = pipeline, retuning.estimator
     return pipeline
 
 

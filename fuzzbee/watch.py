@@ -122,8 +122,7 @@ def _loop(
             break
         if not (reception.has_heard or has_hinted) and lasted_s >= HINT_AFTER_S:
             has_hinted = True
-            hint = f"nothing on {_key(options)} yet{NOBODY} (Ctrl-C ends)"
-            (notify if view is None else view.notify)(hint)
+            reception.notify(f"nothing on {_key(options)} yet{NOBODY} (Ctrl-C ends)")
     return seen
 
 

@@ -69,7 +69,7 @@ class Pipeline:
         self._rate_hz = rate_hz
         self.wake_us = 0.0  # when :meth:`tick` has something to do next, if nothing arrives
         self._system_id = system_id
-        self._new_estimator = new_estimator
+        self.new_estimator = new_estimator
         self._changes = ProfileChanges(profile, fits_built_in=fits_built_in)
         self._vehicles: dict[VehicleId, Vehicle] = {}
         self._links_up: set[str] = set()
@@ -247,7 +247,7 @@ class Pipeline:
         if not self._is_wanted(address) or len(self._vehicles) >= MAX_VEHICLES:
             return None
         kept = self._changes.kept.pop(address, None)
-        estimator = self._new_estimator(kept or self.profile)
+        estimator = self.new_estimator(kept or self.profile)
         number = len(self._vehicles) + self.evicted["vehicles"]
         vehicle = self._vehicles[address] = Vehicle(address, estimator, self._rate_hz, number)
         if kept is not None:
