@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from drivers.resources import SLOTS
 from service import records
@@ -106,11 +106,13 @@ class Latest:
         with self._lock:
             if name not in self._rows and len(self._rows) >= SLOTS:
                 del self._rows[min(self._rows.values(), key=lambda row: row.heard_s).name]
-            row = self._rows.get(name) or Row(name)
-            new: dict[str, Any] = {"attitude": record, "attitude_s": now_s}
+            old = self._rows.get(name) or Row(name)
+            heard_s = max(old.heard_s, now_s)
             if isinstance(record, StatusRecord):
-                new = {"status": record, "before": row.status}
-            self._rows[name] = row._replace(heard_s=max(row.heard_s, now_s), **new)
+                row = Row(name, old.attitude, record, old.attitude_s, heard_s, old.status)
+            else:
+                row = Row(name, record, old.status, now_s, heard_s, old.before)
+            self._rows[name] = row
 
     def rows(self, now_s: float = 0.0) -> list[Row]:
         """All rows by name, numbers in their order, as they are at ``now_s``."""
