@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 VEHICLE = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
 # 2 s of 50 vehicles at 100 Hz. When it is full the oldest is dropped: the newest is worth most.
 MAX_PENDING = 10_000
-MOST_BYTES = 100_000  # anything longer is not kept; of what is kept more than this is refused:
-LONGEST_PAYLOAD = 16_384  # our largest record, a status with every reason, has less than 5000
+# In bytes. Our largest record, a status with every reason for refusal, has less than 5000.
+LONGEST_PAYLOAD = 16_384
 SHOWN = 80  # so many characters of a key are printed
 
 Record = AttitudeRecord | StatusRecord
@@ -39,9 +39,9 @@ class Reception:
 
     def put(self, sample: "zenoh.Sample") -> None:
         """Take one; called by zenoh."""
-        if len(sample.payload) <= MOST_BYTES:
-            self._samples.append((str(sample.key_expr), sample.payload.to_bytes()))
-            self._have_come.set()
+        payload = sample.payload.to_bytes()[: LONGEST_PAYLOAD + 1]  # more is refused at any rate
+        self._samples.append((str(sample.key_expr), payload))
+        self._have_come.set()
 
     def records(self, timeout_s: float) -> Iterator[tuple[str, Record]]:
         """Vehicles' names and records that wait, after at most ``timeout_s`` for the first."""
