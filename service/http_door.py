@@ -141,10 +141,15 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND)
         elif answer.events is None or self.command == "HEAD":
             self._send(answer)
-        elif self.server.begin_stream(self.connection):
-            self._stream(answer, answer.events)
-        else:
+        elif not self.server.begin_stream(self.connection):
             self.send_error(HTTPStatus.SERVICE_UNAVAILABLE)
+        else:
+            self._send(answer)
+            with suppress(OSError):  # the client went away, or does not read
+                for event in answer.events:
+                    self.wfile.write(event)
+                    if self.server.closing.wait(answer.period_s):
+                        break
 
     do_HEAD = do_GET  # noqa: N815 - as it is named there; only the headers are sent
 
@@ -164,14 +169,6 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
         if self.command == "GET":
             self.wfile.write(answer.content)
-
-    def _stream(self, answer: Answer, events: Iterator[bytes]) -> None:
-        self._send(answer)
-        with suppress(OSError):  # the client went away, or does not read
-            for event in events:
-                self.wfile.write(event)
-                if self.server.closing.wait(answer.period_s):
-                    break
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - as it is named there
         """Requests are not logged."""
