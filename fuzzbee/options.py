@@ -9,7 +9,7 @@ from copy import copy
 from functools import partial, wraps
 from importlib.util import find_spec
 from math import inf, isfinite
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 import typer
 from typer.models import OptionInfo
@@ -26,8 +26,6 @@ PROFILES = ("paper", "imu", "adaptive")
 SIMULATION = "sim:"  # the paper's signals, in place of a log
 
 KEYWORD = inspect.Parameter.KEYWORD_ONLY
-Options = TypeVar("Options", bound=NamedTuple)
-Result = TypeVar("Result")
 
 
 def option(
@@ -62,7 +60,7 @@ JSON = showing("JSON on standard output, nothing else there.", "--json", default
 VERBOSE = showing("Say more on standard error.", "--verbose", "-v", default=False)
 
 
-def command(verb: Callable[[Options], Result]) -> Callable[..., Result]:
+def command(verb: Callable[[Any], Any]) -> Any:
     """The verb as typer takes it: a parameter for each field of the named tuple that it takes.
 
     A field that is a named tuple itself stands for that one's fields.
@@ -70,14 +68,13 @@ def command(verb: Callable[[Options], Result]) -> Callable[..., Result]:
     options = next(iter(get_type_hints(verb).values()))
     parameters = [*_parameters(options)]
 
-    @wraps(verb)
-    def parsed(**given: Any) -> Result:
+    def parsed(**given: Any) -> Any:
         return verb(_made(options, given))
 
-    call: Any = parsed
+    call: Any = wraps(verb)(parsed)
     call.__annotations__ = {each.name: each.annotation for each in parameters}
     call.__signature__ = inspect.Signature(parameters)
-    return parsed
+    return call
 
 
 def _parameters(options: Any) -> Iterator[inspect.Parameter]:
