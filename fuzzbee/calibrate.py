@@ -32,7 +32,6 @@ EPILOG = opt.examples(
 )
 
 
-@opt.form
 class CalibrateOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 

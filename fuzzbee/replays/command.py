@@ -43,7 +43,6 @@ EPILOG = opt.examples(
 )
 
 
-@opt.form
 class ReplayOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 

@@ -30,7 +30,7 @@ from estimator.types import Attitude, ImuSample
 from fuzzbee.attitudes import enu_flu, euler_curves_deg
 from fuzzbee.replays.trace import VehicleTrace
 from service.publishing import attitude_record
-from service.records import AttitudeRecord, Output, Peer, Published
+from service.records import AttitudeRecord, Published
 from service.sinks.ros_messages import imu_message
 
 if TYPE_CHECKING:
@@ -285,9 +285,9 @@ def show(viewer: "ViewerSink", trace: VehicleTrace) -> None:
             if not viewer.is_wanted:  # on a full disk, reported at the end
                 viewer.finish()
                 return
-            others: list[Any] = [(name, tuple(attitudes[k])) for name, attitudes in peers.items()]
-            outputs: list[Output] = [Peer(trace.address, *o) for o in others if not isnan(o[1][0])]
             if record is not None:
+                others: Any = ((name, tuple(attitudes[k])) for name, attitudes in peers.items())
+                known = tuple(other for other in others if not isnan(other[1][0]))
                 with suppress(ConnectionError):  # the viewer was closed: a file may still be wanted
-                    viewer.handle([*outputs, Published(trace.address, record, sample)])
+                    viewer.handle([Published(trace.address, record, sample, peers=known)])
     viewer.finish()

@@ -42,7 +42,6 @@ EPILOG = opt.examples(
 )
 
 
-@opt.form
 class TuneRequest(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
@@ -99,8 +98,8 @@ def tune(request: TuneRequest) -> int:
         if request.plot.exists() and not request.plot.is_dir():
             raise InputError(f"--plot {request.plot}: not a folder")
         opt.require_extra("matplotlib", "--plot", "plot")
-    viewer = outputs.viewer_options(request.view, request.rrd)
+    outputs.wants_viewer(request.view, request.rrd)
     files = (request.output, checkpoint_path(request.output))
     written = [*(("--output", file) for file in files), ("--rrd", request.rrd)]
     outputs.require_own_files(written, [*request.sources, *(request.hold_out or []), request.base])
-    return run_plan(plan(request), viewer)
+    return run_plan(plan(request))

@@ -15,7 +15,6 @@ from drivers.output_file import written_for
 from estimator.arrays import Floats
 from estimator.profile import Profile, profile_to_toml
 from fuzzbee.notify import print_line
-from fuzzbee.outputs import ViewerOptions
 from fuzzbee.tune.figure import draw
 from fuzzbee.tune.plan import Plan
 from fuzzbee.tune.report import has_gained, in_words, remarks, report_of
@@ -34,7 +33,7 @@ NO_GAIN = 1
 INTERRUPTED = 130
 
 
-def run_plan(plan: Plan, viewer: ViewerOptions | None) -> int:
+def run_plan(plan: Plan) -> int:
     """Search, write the profile, report; the exit status.
 
     On logs a profile that gains nothing on what was held out, or harms it, is written with
@@ -47,10 +46,11 @@ def run_plan(plan: Plan, viewer: ViewerOptions | None) -> int:
         print_line(f"{checkpoint}: an unfinished search, not resumed; it will be replaced")
     with ExitStack() as stack:
         view = None
-        if viewer is not None:
+        if request.view is not None or request.rrd is not None:
             from fuzzbee.tune.view import SearchView
 
-            view = stack.enter_context(closing(SearchView(viewer, plan.task.space)))
+            view = SearchView(plan.task.space, request.view, request.rrd)
+            stack.enter_context(closing(view))
         with stop_on_signals(stop.set):
             search, is_finished, by_chance = _run(plan, record, stop, view)
             found = _found(plan, search, is_finished=is_finished)

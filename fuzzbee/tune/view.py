@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 
 from fuzzbee.notify import notify
-from fuzzbee.outputs import ViewerOptions
 from fuzzbee.viewer.stream import CLOSED, ViewerStream, rr, rrb
 from tuning.search import Search
 from tuning.space import Space, bounds, encode
@@ -33,10 +32,10 @@ def blueprint() -> Any:
 class SearchView(ViewerStream):
     """Draws a search in ``space`` after its cycles."""
 
-    def __init__(self, options: ViewerOptions, space: Space) -> None:
+    def __init__(self, space: Space, view: str | None, rrd: str | None) -> None:
         self._space = space
         self._drawn_cycles = 0
-        super().__init__(options, blueprint())
+        super().__init__(blueprint(), view, rrd)
         curves = rr.SeriesLines(names=list(CURVES), colors=list(CURVES.values()))
         self.recording.log("/cost", curves, static=True)
         names = [parameter.address[1] for parameter in space]
