@@ -23,7 +23,7 @@ from estimator.geometry.quaternion import (
     rotate,
 )
 from estimator.live.aided import is_worse
-from estimator.live.core import Core, flat, in_rows, with_attitude
+from estimator.live.core import Core, with_attitude
 from estimator.live.settings import Settings
 from estimator.live.starts import (
     find_start_by_both,
@@ -154,7 +154,7 @@ def give_up(state: State) -> None:
         state.enter(Cause.MISLED)
         return
     other = unaided_sigma(state, core)
-    aided, covariance = core.aided, in_rows(core.covariance)
+    aided, covariance = core.aided, core.covariance
     if not is_credible(aided):
         aided, covariance = inflate_covariance(aided, covariance)
     is_consistent = explains_acceleration(aided.acceleration_tilt) and isfinite(hypot(*aided.sigma))
@@ -163,7 +163,7 @@ def give_up(state: State) -> None:
     sigma = Sigmas(inclination_rad, inflated(aided.sigma, core.consistency).heading_rad)
     has_lost_down = is_worse(core.aided, core.seen) and not is_consistent
     if is_consistent or (is_better(sigma, other) and not has_lost_down):
-        state.set_core(core._replace(aided=aided, covariance=flat(covariance)))
+        state.set_core(core._replace(aided=aided, covariance=covariance))
         return
     if has_lost_down:
         start = start_level(core, sigma.heading_rad)
@@ -184,10 +184,10 @@ def give_up(state: State) -> None:
 def with_imu_lag(core: Core, lag_s: float, lead_s: float) -> Core:
     """The core with other ages of the IMU's samples, as uncertain as at the beginning."""
     estimate = core.aided.estimate._replace(imu_lag_s=lag_s, acc_lead_s=lead_s)
-    P = in_rows(core.covariance)
+    P = core.covariance.copy()
     P[IMU_LAG, :] = P[:, IMU_LAG] = 0.0
     P[IMU_LAG, IMU_LAG] = lag_variance(lag_s)
-    return core._replace(aided=core.aided._replace(estimate=estimate), covariance=flat(P))
+    return core._replace(aided=core.aided._replace(estimate=estimate), covariance=P)
 
 
 def begin_aiding(
@@ -212,8 +212,4 @@ def begin_aiding(
         report,
     )
     aided = aided._replace(wheels=core.aided.wheels)
-    return core._replace(
-        aided=aided,
-        covariance=flat(covariance),
-        velocity_history=flat(velocity_history),
-    )
+    return core._replace(aided=aided, covariance=covariance, velocity_history=velocity_history)

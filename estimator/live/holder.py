@@ -1,4 +1,4 @@
-"""A core: in compiled memory from its first step on, a tuple on demand."""
+"""A core: in compiled memory from its first step on, a value on demand."""
 
 from collections.abc import Callable
 from functools import cached_property, partial
@@ -11,11 +11,10 @@ from estimator.aiding.types import NO_REPORT, Report
 from estimator.arrays import Floats
 from estimator.compilation.compiled import entry_point, is_compiled_code
 from estimator.live import kernel_handle
-from estimator.live.core import Core, in_arrays, in_tuples
-from estimator.live.reports import age_s
+from estimator.live.core import Core, in_arrays
 from estimator.live.rows import Rows, require_writable, rows_of
 from estimator.live.settings import Settings
-from estimator.live.step import Situation
+from estimator.live.situation import Situation
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -49,42 +48,24 @@ class Holder:
     set_situation = _step(kernel_handle.set_situation)
     take_report = _step(kernel_handle.take_report)
     _contents = _step(kernel_handle.contents)
-    _status = _step(kernel_handle.status)
+    status = _step(kernel_handle.status)
     _bind_rows = _step(kernel_handle.bind_rows)
     last_report = _step(kernel_handle.last_report)
     _search = _step(kernel_handle.search)
 
     def __init__(self, settings: Settings, core: Core) -> None:
-        self._params = kernel_handle.params_of(settings)
+        self._settings = settings
         self._core = core
 
     @property
     def core(self) -> Core:
-        """The core as it is now."""
-        if "_handle" not in self.__dict__:
-            return self._core
-        return in_tuples(self._contents())
-
-    @property
-    def core_in_arrays(self) -> Core:
-        """The core to be looked at: what is long stays in arrays, in half of the time."""
+        """The core as it is now; its arrays are nobody's to change."""
         return self._contents() if "_handle" in self.__dict__ else self._core
 
     @property
     def time_us(self) -> int:
         """Time of the last sample."""
-        return self._status()[0]
-
-    @property
-    def integrated_steps(self) -> int:
-        """How many steps were integrated through others' rates."""
-        return self._status()[1]
-
-    @property
-    def contradicted_axes(self) -> tuple[bool, bool, bool]:
-        """The gyroscope's axes that field and force contradict, or that others' rates replace."""
-        *_, (a, b, c), (x, y, z) = self._status()
-        return x or a, y or b, z or c
+        return self.status()[0]
 
     def bind_rows(self, rows: Rows, published: Floats, report_rows: Floats) -> None:
         """See :func:`estimator.live.kernel_handle.bind_rows`; other layouts are copied."""
@@ -96,11 +77,11 @@ class Holder:
         """See :func:`estimator.live.kernel_handle.search`."""
         return self._search(in_types_of(NO_REPORT, report))
 
-    def take_other_report(self, report: Any, time_us: int) -> None:
-        """Take another source's report that belongs to the last sample, of ``time_us``."""
+    def take_other_report(self, report: Any, ago_s: float) -> None:
+        """Take another source's report, of ``ago_s`` before the last sample."""
         source = source_of(report)
         report = in_types_of(source.blank, report)
-        self.bind(kernel_handle.late_report_step(source))(report, age_s(report, time_us))
+        self.bind(kernel_handle.late_report_step(source))(report, ago_s)
 
     def bind(self, step: Callable[..., Any]) -> Any:
         """A step that knows what it works on."""
@@ -112,5 +93,5 @@ class Holder:
     def _handle(self) -> Any:
         """The handle on the core, which is put into compiled memory when it is first needed."""
         put = entry_point(kernel_handle.new_handle)
-        arrays = in_arrays(self._core)
-        return put(self._params, arrays, Situation(), *kernel_handle.NO_ROWS_BOUND)
+        own = in_arrays(self._core)  # steps write into them
+        return put(self._settings, own, Situation(), *kernel_handle.NO_ROWS_BOUND)

@@ -33,8 +33,8 @@ from estimator.geometry.quaternion import (
 )
 from estimator.live.aided import conditioned_vectors
 from estimator.live.core import Core
-from estimator.live.iron import MOUNTED_RAD
 from estimator.live.settings import Settings
+from estimator.live.situation import MOUNTED_RAD
 from estimator.live.state import State
 from estimator.types import DOWN, Quaternion
 

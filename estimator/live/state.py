@@ -15,17 +15,28 @@ from estimator.live.core import (
     Context,
     Core,
     Snapshot,
+    in_arrays,
+    in_tuples,
     initial_core,
     with_attitude,
     with_turned_compass,
     without_aiding,
 )
 from estimator.live.holder import Holder
-from estimator.live.iron import BY_TURNS, PROVEN, VOUCHED, unshown_iron
 from estimator.live.published import NO_PULL, Published
 from estimator.live.rows import NORTHS
 from estimator.live.settings import Settings, settings_of
-from estimator.live.step import AIDED, CONDITIONED, RAW, Situation, standing_at
+from estimator.live.situation import (
+    AIDED,
+    BY_TURNS,
+    CONDITIONED,
+    PROVEN,
+    RAW,
+    VOUCHED,
+    Situation,
+    standing_at,
+    unshown_iron,
+)
 from estimator.profile import Profile
 from estimator.types import NEVER_US
 
@@ -46,6 +57,9 @@ class State:
     :meth:`set_context` and :meth:`change_context`: what follows from them is derived there, once.
     """
 
+    profile: Profile
+    settings: Settings  # what the profile comes to for this vehicle and place
+    fixed_gain: float | None  # K, if it is not the profile's rules that set it
     core: Holder
     context: Context
     published: Published | None  # the last sample's output, while that holds
@@ -53,7 +67,7 @@ class State:
     takes_rows: bool  # samples as the profile has them, with only what rows can hold between them
     is_ready: bool  # whether the core's steps know the context
 
-    def __init__(self, profile: Profile, fixed_gain: float | None) -> None:
+    def __init__(self, profile: Profile, fixed_gain: float | None = None) -> None:
         self.fixed_gain = fixed_gain
         self.profile = profile
         self.settings = settings_of(profile, fixed_gain)
@@ -62,16 +76,15 @@ class State:
 
     @property
     def snapshot(self) -> Snapshot:
-        """All of it as a value."""
-        return Snapshot(self.core.core, self.context)
+        """The whole state as a value. Set it to resume from it, under the same profile."""
+        return Snapshot(in_tuples(self.core.core), self.context)
 
-    def resume(self, snapshot: Snapshot) -> None:
-        """Go on from a snapshot, under the same profile."""
-        context = snapshot.context
-        self.context = context
+    @snapshot.setter
+    def snapshot(self, snapshot: Snapshot) -> None:
+        self.context = snapshot.context
         self.settings = self._settings_of(self.profile)
-        self.set_context(context)
-        self.set_core(snapshot.core)
+        self.set_context(snapshot.context)
+        self.set_core(in_arrays(snapshot.core))
 
     def set_core(self, core: Core) -> None:
         """Replace what the compiled steps work on."""
@@ -87,8 +100,7 @@ class State:
         self.context = context
         self.source = SOURCE[context.phase]
         is_of_profile = (context.phase is Phase.RAW) != self.settings.conditioned
-        begun = context.phase is not Phase.EMPTY
-        self.takes_rows = begun and is_of_profile and not context.reports
+        self.takes_rows = self.aligned and is_of_profile and not context.reports
         self.is_ready = False
 
     def ready(self) -> Holder:
@@ -98,17 +110,23 @@ class State:
             self.published, self.is_ready = None, True
         return self.core
 
+    def published_at(self, time_us: int) -> Published:
+        """The output at a time, propagated from the last sample."""
+        published = self.published
+        if published is None or published[0] != time_us:
+            published = self.ready().publish(time_us)
+        return published
+
     @property
     def situation(self) -> Situation:
         """The part of the context that the steps need."""
         now, known, settings = self.context, self.context.compass, self.settings
-        is_aided = self.source == AIDED
         is_raw = now.phase is Phase.RAW  # vectors as the sensors show them
         vouched = known.declared_calibrated
         given = self.profile.reference.declination_deg != "position"
         is_true = given or now.last_position.here is not None or not settings.conditioned
         north = NORTHS.index("true" if is_true else "magnetic")
-        if is_aided:  # either may be wrong; a heading by velocity is proven
+        if self.is_aided:  # either may be wrong; a heading by velocity is proven
             is_contradicted = known.contradicted_since_us is not None
             is_proven = known.confirmed or not now.is_by_field
             vouched = vouched and not is_contradicted
@@ -121,12 +139,11 @@ class State:
         return Situation(
             source=self.source,
             standing=VOUCHED if vouched and standing != PROVEN else standing,
-            rejected_until_us=NEVER_US if is_aided else compass.rejected_until_us(known),
+            rejected_until_us=NEVER_US if self.is_aided else compass.rejected_until_us(known),
             used_from_us=NEVER_US if is_raw else compass.used_from_us(known),
             knows_north=self.knows_north,
             turned_back=(1.0, 0.0) if is_raw else (cos(known.turned_rad), sin(known.turned_rad)),
             watches_gaps=now.phase in (Phase.SEARCHING, Phase.AIDED),
-            takes_rates=settings.uses_rates,
             north=north,
             north_without={RAW: north, CONDITIONED: 0, AIDED: NORTHS.index("true")}[self.source],
         )
@@ -137,8 +154,16 @@ class State:
         All or nothing: what a profile raises, it raises before anything has changed.
         """
         settings = self._settings_of(profile)
+        self.profile = profile
+        self._use(settings)
+
+    def renew_settings(self) -> None:
+        """Derive the settings anew after a change of what is known of vehicle or place."""
+        self._use(self._settings_of(self.profile))
+
+    def _use(self, settings: Settings) -> None:
         now, memory = self.core.core, self.core.core.conditioning
-        self.profile, self.settings = profile, settings
+        self.settings = settings
         self.set_context(self.context)
         vertical = memory.vertical._replace(coefficients=Coefficients())  # of the new parameters
         self.set_core(now._replace(conditioning=memory._replace(vertical=vertical)))
@@ -151,17 +176,9 @@ class State:
         return settings_of(profile, self.fixed_gain, self.place_field, vehicle_class)
 
     def restart(self) -> None:
-        """Forget the attitude. What was declared about sensors, and the place, stay."""
-        known = self.context
-        self.set_context(
-            Context(
-                compass=compass.restart(known.compass),
-                last_position=known.last_position,
-                imu_lag_s=known.imu_lag_s,
-                acc_lead_s=known.acc_lead_s,
-                vehicle_class=known.vehicle_class,
-            )
-        )
+        """Forget the attitude and align anew; what was declared, and the place, stay."""
+        known = compass.restart(self.context.compass)
+        self.change_context(phase=Phase.EMPTY, reports=(), is_by_field=False, compass=known)
         self.set_core(initial_core(self.settings))
 
     def enter(self, cause: Cause) -> None:
@@ -180,13 +197,13 @@ class State:
     def turn_compass(self, turn_rad: float) -> None:
         """Read the compass as turned in the vehicle by so much more (rad, about down)."""
         turned_rad = remainder(self.context.compass.turned_rad + turn_rad, 2.0 * pi)
-        now, is_aided = self.core.core, self.context.phase is Phase.AIDED
+        now, is_aided = self.core.core, self.is_aided
         self.set_core(with_turned_compass(self.settings, now, turn_rad, is_aided=is_aided))
         self.contradict_compass(turned_rad=turned_rad)
 
     def contradict_compass(self, **changes: object) -> None:
         """Note that velocity has shown another heading now, and what else has changed."""
-        now_us = self.core.core.time_us
+        now_us = self.core.time_us
         self.change_compass(
             contradicted_us=now_us, confirmed=False, contradicted_since_us=None, **changes
         )
@@ -198,10 +215,20 @@ class State:
 
     def align(self) -> None:
         """The first heading ever is alignment, not correction: there was none to correct."""
-        if self.settings.initial is None:
+        if self.settings.aligns:
             now = self.core.core
             q = align(conditioned_vectors(self.settings.reference, now.seen))
             self.set_core(with_attitude(now, q))
+
+    @property
+    def aligned(self) -> bool:
+        """Whether there is an attitude yet."""
+        return self.context.phase is not Phase.EMPTY
+
+    @property
+    def is_aided(self) -> bool:
+        """Whether velocity helps."""
+        return self.context.phase is Phase.AIDED
 
     @property
     def compass_is_usable(self) -> bool:
@@ -211,7 +238,7 @@ class State:
 
     @property
     def unshown_iron_rad(self) -> float:
-        """See :func:`estimator.live.iron.unshown_iron`; 0 for raw vectors."""
+        """How far iron may turn a heading by the field, for an uncalibrated compass."""
         memory, settings = self.core.core.conditioning, self.settings
         if not settings.conditioned:
             return 0.0 if self.compass_is_usable else UNKNOWN_RAD

@@ -17,7 +17,7 @@ from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
 from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, scale
-from estimator.live.rows import NORTHS
+from estimator.live.rows import BIAS, NORTHS, RATE, SIGMA, Q
 from estimator.profile import Profile
 from estimator.types import Attitude, ImuSample, Vec3
 from fuzzbee.attitudes import PLACE
@@ -266,11 +266,11 @@ def smooth(trace: VehicleTrace) -> None:
     trace.vehicle.estimator.recordings().clear()  # for each sample its readings
     at, north = np.searchsorted(times_us, trace["time_us"]), trace["heading_reference"]
     smoothed = {
-        "q_ned_frd": now.q_ned_frd[at],
-        "rate_rad_s": now.rate_rad_s[at],
-        "gyro_bias_rad_s": now.bias_rad_s[at],
-        "sigma_inclination_rad": now.sigma_rad[at, 0],
-        "sigma_heading_rad": now.sigma_rad[at, 1],
+        "q_ned_frd": now[at, Q],
+        "rate_rad_s": now[at, RATE],
+        "gyro_bias_rad_s": now[at, BIAS],
+        "sigma_inclination_rad": now[at, SIGMA][:, 0],
+        "sigma_heading_rad": now[at, SIGMA][:, 1],
         "heading_reference": np.full_like(north, north[-1]),
     }
     for name, values in smoothed.items():

@@ -12,7 +12,7 @@ from estimator.conditioning.robust import FAR
 from estimator.geometry import quaternion as qn
 from estimator.geometry.metrics import angle_errors
 from estimator.live.aiding_span import give_up
-from estimator.live.core import UNSEEN, flat
+from estimator.live.core import UNSEEN
 from estimator.live.starts import is_better, start_level
 from estimator.live.state import State
 from estimator.profile import load_profile
@@ -74,7 +74,7 @@ def lost(heading_deg, acceleration_tilt=UNREPORTED, off_deg=60.0):
     state.set_core(
         state.core.core._replace(
             aided=aided,
-            covariance=flat(P + 0.01 * np.eye(types.SIZE)),
+            covariance=P + 0.01 * np.eye(types.SIZE),
             sample=NO_SAMPLE._replace(dt_s=0.5),
             seen=UNSEEN._replace(
                 gravity_b=qn.rotate_inverse(LEVEL, DOWN), sigma_inclination_rad=radians(6.0)
