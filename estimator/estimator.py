@@ -14,9 +14,19 @@ from estimator.geometry.earth import update_position
 from estimator.live.aiding_span import with_imu_lag
 from estimator.live.compass_check import dip_error_rad
 from estimator.live.core import apply_turn, change_imu
-from estimator.live.kernel_handle import NO_ROWS_BOUND
+from estimator.live.kernel_handle import NO_ROWS_BOUND, bind_rows, status
 from estimator.live.published import write
-from estimator.live.rows import NO_REPORT_ROWS, NORTH, NORTHS, ROW, Q, Rows, report_of
+from estimator.live.rows import (
+    NO_REPORT_ROWS,
+    NORTH,
+    NORTHS,
+    ROW,
+    Q,
+    Rows,
+    report_of,
+    require_writable,
+    rows_of,
+)
 from estimator.live.situation import AIDED
 from estimator.live.state import State
 from estimator.live.step import SHOWN_LATE, TAKEN
@@ -51,8 +61,8 @@ class Estimator(State):
         """Take the fields of an :class:`ImuSample`, as :meth:`update` does: it is one call less."""
         if not self.takes_rows:
             return take_sample(self, ImuSample(time_us, gyr_rad_s, acc_m_s2, mag_gauss, has_mag))
-        core = self.core if self.is_ready else self.ready()
-        _, _, end, self.published = core.advance(
+        advance = self.advance if self.is_ready else self.ready()
+        _, _, end, self.published = advance(
             time_us, *gyr_rad_s, *acc_m_s2, *mag_gauss, has_mag, 0, 0, 0
         )
         return None if end == TAKEN else decide(self, end)
@@ -111,22 +121,23 @@ class Estimator(State):
         Returns the first row and the first report that were not taken: a row for :meth:`take`, or
         N. It also stops behind a row whose attitude is not finite.
         """
-        n, bound = len(published), None
+        rows, n, bound = rows_of(*rows), len(rows.times_us), None
+        require_writable(published, n)
         while taken < n and self.takes_rows:
-            core = self.ready()
-            if core is not bound:
-                core.bind_rows(rows, published, report_rows)
-                bound = core
-            taken, next_report, end, _ = core.advance(*NO_SAMPLE_ITSELF, taken, n, next_report)
+            advance = self.ready()
+            if self.handle is not bound:
+                self.run(bind_rows, rows, published, report_rows)
+                bound = self.handle
+            taken, next_report, end, _ = advance(*NO_SAMPLE_ITSELF, taken, n, next_report)
             self.published = None
             if decide(self, end) is not None:
                 break
             if end not in (TAKEN, SHOWN_LATE):  # what was decided has changed the attitude
-                write(published[taken - 1], self.published_at(self.core.time_us), self.is_aided)
+                write(published[taken - 1], self.published_at(self.time_us), self.is_aided)
                 if not np.isfinite(published[taken - 1, Q]).all():
                     break
-        if self.core is bound:
-            bound.bind_rows(*NO_ROWS_BOUND)
+        if bound is not None and self.handle is bound:
+            self.run(bind_rows, *NO_ROWS_BOUND)
         return taken, next_report
 
     def update_report(self, report: Any) -> Reason | None:
@@ -167,7 +178,7 @@ class Estimator(State):
         """
         before = self.context.compass
         self.change_context(compass=compass.declare(before, calibrated))
-        if compass.is_usable(before, self.core.time_us) and not calibrated:
+        if compass.is_usable(before, self.time_us) and not calibrated:
             self.enter(Cause.MISLED)
 
     def set_imu_lag(self, gyr_s: float, acc_s: float) -> None:
@@ -178,7 +189,7 @@ class Estimator(State):
         lead_s = gyr_s - acc_s
         self.change_context(imu_lag_s=gyr_s, acc_lead_s=lead_s)
         if self.is_aided:
-            self.set_core(with_imu_lag(self.core.core, gyr_s, lead_s))
+            self.set_core(with_imu_lag(self.core, gyr_s, lead_s))
 
     def set_vehicle_class(self, vehicle_class: VehicleClass) -> None:
         """What carries the IMU, which shows how it accelerates, and whether it slips sideways.
@@ -192,11 +203,11 @@ class Estimator(State):
 
     def change_imu(self) -> None:
         """The samples are another IMU's from now on: its biases are its own."""
-        self.set_core(change_imu(self.settings, self.core.core, is_aided=self.is_aided))
+        self.set_core(change_imu(self.settings, self.core, is_aided=self.is_aided))
 
     def turn(self, turn_ned: Quaternion) -> None:
         """Turn the whole state by a rotation in NED that no sensor has felt, to test recovery."""
-        self.set_core(apply_turn(self.core.core, turn_ned, is_aided=self.is_aided))
+        self.set_core(apply_turn(self.core, turn_ned, is_aided=self.is_aided))
 
     def attitude(self, time_us: int) -> Attitude:
         """The attitude at ``time_us``, propagated from the last sample for output only."""
@@ -208,7 +219,7 @@ class Estimator(State):
     @property
     def compass_fault(self) -> str:
         """Why the heading comes from velocity and not from the field; empty if it does not."""
-        known, time_us = self.context.compass, self.core.time_us
+        known, time_us = self.context.compass, self.time_us
         if compass.is_contradicted(known, time_us):
             return compass.CONTRADICTED
         if self.source == AIDED or not self.settings.conditioned or not self.aligned:
@@ -228,12 +239,12 @@ class Estimator(State):
 
         0 where it does not, and without velocity.
         """
-        return dip_error_rad(self.settings, self.core.core) if self.is_aided else 0.0
+        return dip_error_rad(self.settings, self.core) if self.is_aided else 0.0
 
     @property
     def rates(self) -> str:
         """Whose rates the turning was integrated through: "imu", or "imu+attitude"."""
-        _, integrated_steps, *_ = self.core.status()
+        _, integrated_steps, *_ = self.run(status)
         return "imu+attitude" if integrated_steps else "imu"
 
     @property
@@ -244,5 +255,5 @@ class Estimator(State):
     @property
     def contradicted_axes(self) -> tuple[bool, bool, bool]:
         """Whether field and force contradict the gyroscope's axes x, y, z, or others stand in."""
-        *_, (a, b, c), (x, y, z) = self.core.status()
+        *_, (a, b, c), (x, y, z) = self.run(status)
         return x or a, y or b, z or c

@@ -48,7 +48,7 @@ from estimator.live.state import State
 
 def check_compass(state: State, report: Report) -> None:
     """Compare the compass with the heading by velocity, and act if they contradict."""
-    now = state.core.core
+    now = state.core
     if not state.context.is_by_field:
         judge_mounting(state, now)
         return
@@ -125,13 +125,13 @@ def judge_mounting(state: State, now: Core) -> None:
 
 def mislead(state: State, start: Start, turn_rad: float, report: Report) -> None:
     """Begin again from the attitude by velocity; the compass is turned by ``turn_rad``."""
-    now = state.core.core
+    now = state.core
     state.enter(Cause.MISLED)
     if rolls(state.settings.aiding):  # iron all around turns a field, too: it is left out
         state.contradict_compass()
     else:
         state.turn_compass(turn_rad)
-    state.set_core(state.core.core._replace(search=now.search))
+    state.set_core(state.core._replace(search=now.search))
     set_out(state, start, report, has_heading=False)
 
 

@@ -25,7 +25,7 @@ from estimator.compilation.compiled import (
     is_compiled_code,
     types_of,
 )
-from estimator.live.core import Core, initial_core
+from estimator.live.core import Core, in_arrays, initial_core
 from estimator.live.published import NOTHING_PUBLISHED, Published, published_by, write
 from estimator.live.refusal import fault_of, is_gap, mean_interval
 from estimator.live.rows import NO_OUTPUT, NO_REPORT_ROWS, NO_ROWS, REPORT_SIZE, Rows, reading_of
@@ -93,6 +93,12 @@ def new_handle(
 ) -> Any:
     """Put everything into compiled memory; the arrays as in :func:`bind_rows`."""
     return KernelHandle(params, now, NO_REPORT, rows, published, report_rows, *core[:])
+
+
+def put(settings: Settings, core: Core) -> Any:
+    """A handle on a copy of the core in compiled memory."""
+    own = in_arrays(core)  # steps write into them
+    return entry_point(new_handle)(settings, own, Situation(), *NO_ROWS_BOUND)
 
 
 @takes_handle()
@@ -226,8 +232,8 @@ def publish(handle: Any, time_us: int) -> Published:
 
 
 @functools.cache
-def late_report_step(source: Source) -> Any:
-    """The step that takes a late report of a source."""
+def late_report_kernel(source: Source) -> Any:
+    """The kernel that takes a late report of a source."""
     observe: Any = source.observe
 
     def take_other_report(handle: Any, report: Any, ago_s: float) -> None:
@@ -241,4 +247,4 @@ def late_report_step(source: Source) -> Any:
     # the name of its file in the cache
     name = f"take_other_report.{observe.__module__}.{observe.__qualname__}"
     take_other_report.__qualname__ = name
-    return entry_point(takes_handle(source.blank, NUMBER)(take_other_report))
+    return takes_handle(source.blank, NUMBER)(take_other_report)

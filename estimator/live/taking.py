@@ -17,6 +17,7 @@ from estimator.filter.observation import raw_vectors
 from estimator.filter.types import FilterState
 from estimator.geometry.earth import LastPosition
 from estimator.geometry.quaternion import exp, multiply, rotate
+from estimator.live import kernel_handle
 from estimator.live.aided import conditioned_vectors
 from estimator.live.aiding_span import begin_aided, give_up, reacquire
 from estimator.live.compass_check import check_compass
@@ -61,7 +62,7 @@ def decide(state: State, end: int) -> Reason | None:
     if end < len(REASONS):
         return REASONS[end]
     state.published = None
-    report, has_heading = state.core.last_report()
+    report, has_heading = state.run(kernel_handle.last_report)
     if end & GAP:
         state.enter(Cause.GAP)
     if end & LOST:
@@ -93,7 +94,7 @@ def take_sample(state: State, sample: ImuSample) -> Reason | None:
     state.published = None
     if not state.aligned:
         take_first(state, sample)
-    elif sample.time_us <= state.core.time_us:
+    elif sample.time_us <= state.time_us:
         return Reason.NOT_LATER
     elif state.settings.conditioned:
         take_beside(state, sample)
@@ -107,8 +108,7 @@ def take_sample(state: State, sample: ImuSample) -> Reason | None:
 def advance(state: State, sample: ImuSample) -> int:
     """Take the next sample, as plain numbers; why the step ended."""
     time_us, gyr, acc, mag, has_mag = sample
-    core = state.ready()
-    _, _, end, _ = core.advance(time_us, *gyr, *acc, *mag, has_mag, 0, 0, 0)
+    _, _, end, _ = state.ready()(time_us, *gyr, *acc, *mag, has_mag, 0, 0, 0)
     return end
 
 
@@ -116,7 +116,7 @@ def take_first(state: State, sample: ImuSample) -> None:
     """Align on the first sample, or correct the given attitude; nothing has turned yet."""
     back = exp((0.0, 0.0, -state.context.compass.turned_rad))
     sample = sample._replace(mag_gauss=rotate(back, sample.mag_gauss))
-    state.set_core(first_core(state.settings, state.core.core, sample))
+    state.set_core(first_core(state.settings, state.core, sample))
     state.enter(Cause.SAMPLE if state.settings.conditioned else Cause.RAW_SAMPLE)
     state.change_context(reports=())
 
@@ -127,7 +127,7 @@ def take_beside(state: State, sample: ImuSample) -> None:
     if was_raw:
         state.enter(Cause.SAMPLE)
     # one that came behind a slow stream's last sample is as old as the step is long
-    oldest_s = max(OLDEST_S, 1e-6 * (sample.time_us - state.core.time_us))
+    oldest_s = max(OLDEST_S, 1e-6 * (sample.time_us - state.time_us))
     due, ahead = take_due(state.context.reports, sample.time_us, oldest_s)
     state.change_context(reports=ahead)
     end = advance(state, sample)
@@ -135,7 +135,7 @@ def take_beside(state: State, sample: ImuSample) -> None:
     # there was a heading before
     decide(state, end & ~FIRST_HEADING if was_raw else end)
     for other in due if is_aided else ():
-        state.core.take_other_report(other, age_s(other, sample.time_us))
+        take_other_report(state, other)
 
 
 def take_report(state: State, report: Any) -> Reason | None:
@@ -149,17 +149,23 @@ def take_report(state: State, report: Any) -> Reason | None:
     reason = source.refusal(report)
     if reason is not None or not state.settings.conditioned:
         return reason
-    core = state.ready()
+    state.ready()
     if isinstance(report, VelocitySample):
-        if core.take_report(report_row_of(0, report)):
-            check_aided(state, core.last_report()[0])
+        if state.run(kernel_handle.take_report, report_row_of(0, report)):
+            check_aided(state, state.run(kernel_handle.last_report)[0])
     elif state.is_aided:
-        if report.time_us > core.time_us:
+        if report.time_us > state.time_us:
             waiting = (*state.context.reports, report)
             state.change_context(reports=waiting[-MOST_WAITING:])
-        elif age_s(report, core.time_us) <= OLDEST_S:
-            core.take_other_report(report, age_s(report, core.time_us))
+        elif age_s(report, state.time_us) <= OLDEST_S:
+            take_other_report(state, report)
     return None
+
+
+def take_other_report(state: State, report: Any) -> None:
+    """Take another source's report that belongs to the last sample."""
+    kernel = kernel_handle.late_report_kernel(source_of(report))
+    state.run(kernel, report, age_s(report, state.time_us))
 
 
 def take_rate(state: State, rate: RateSample) -> Reason | None:
@@ -167,7 +173,7 @@ def take_rate(state: State, rate: RateSample) -> Reason | None:
     if not all(abs(component) <= RATE_LIMIT_RAD_S for component in rate.rate_rad_s):
         return Reason.GYROSCOPE_OUT_OF_RANGE  # or no number
     if state.settings.uses_rates:
-        state.core.take_report(report_row_of(0, rate))
+        state.run(kernel_handle.take_report, report_row_of(0, rate))
     return None
 
 
@@ -179,7 +185,7 @@ def move(state: State, known: LastPosition) -> None:
     if known.here is None or known.here is before.here:
         return
     state.renew_settings()
-    now, field = state.core.core, known.here.field
+    now, field = state.core, known.here.field
     if not state.is_aided or (now.seen.has_heading and not rolls(state.settings.aiding)):
         # magnetic until now, or by another place's declination; by velocity it is true already
         turn = exp((0.0, 0.0, field.declination_rad - declination_rad))

@@ -71,7 +71,7 @@ class Ages:
     """How late the sensors are (s), as the aiding has learnt it; 0 without one."""
 
     def __init__(self, last: Estimator) -> None:
-        core, is_aided = last.core.core, last.is_aided
+        core, is_aided = last.core, last.is_aided
         estimate = core.aided.estimate
         self.imu_s = estimate.imu_lag_s if is_aided else last.settings.aiding.imu_lag_s
         self.filter_s = estimate.filter_lag_s if is_aided else 0.0

@@ -19,7 +19,7 @@ def corrected_fields(recording: Recording) -> tuple[Floats, float]:
     It is the variance of an axis, as a share of the place's field. See
     :func:`estimator.conditioning.field.calibration.correct_field`.
     """
-    learnt = recording.last.core.core.conditioning.field.calibration.learnt
+    learnt = recording.last.core.conditioning.field.calibration.learnt
     own, left = own_field(learnt)
     lag_s = late_s(recording) + learnt.lag_s
     mag = recording.rows.mag_gauss - learnt.scale * np.array(own)
@@ -39,7 +39,7 @@ def usable_fields(recording: Recording) -> Bools:
     While a field points elsewhere for long, either it or the heading may be wrong. If it points as
     usual before and behind, it was the field.
     """
-    rows, aided = recording.rows, recording.last.core.core.aided
+    rows, aided = recording.rows, recording.last.core.aided
     counts, forward = rows.has_mag.copy(), estimates_of(recording.output)
     at = np.flatnonzero(counts & forward.is_aided)
     if len(at) < 2:

@@ -112,26 +112,28 @@ class Recorder(Estimator):
         """Make a recording of what there is since the last one."""
         is_taken = np.frombuffer(self._is_taken, np.bool_)
         if is_taken.any():
-            offered, places = self._kept(), slice(None)
-            if self._offered is not None:
-                offered, places = self._offered, places_of(is_taken, self._before)
-            rows = Rows._make(column[places] for column in offered.rows)
+            places: Any = slice(None)
+            if self._offered is None:
+                rows, output = self._kept()
+            else:
+                places = places_of(is_taken, self._before)
+                rows = Rows._make(column[places] for column in self._offered.rows)
+                output = self._offered.output[places]
             reports = np.frombuffer(self._reports).reshape(-1, REPORT_SIZE)
             last = Estimator(self.profile, self.fixed_gain)
             last.snapshot = self.snapshot
-            output = offered.output[places]
             recording = Recording(rows, output, self._changes, reports, last, places)
             self._ended.append(recording)
         self._before += len(is_taken)
         self._begin()
 
-    def _kept(self) -> Offered:
-        """The copies, which are offered by nobody else."""
+    def _kept(self) -> tuple[Rows, Floats]:
+        """The copies of readings and output."""
         readings = np.frombuffer(self._readings).reshape(-1, READING_SIZE)
         gyr, acc, mag, has_mag = np.split(readings, (3, 6, 9), axis=1)
         times_us = np.frombuffer(self._times_us, np.int64)
         rows = Rows(times_us, gyr, acc, mag, has_mag[:, 0] > 0.0)
-        return Offered(rows, np.frombuffer(self._output).reshape(-1, OUTPUT_SIZE))
+        return rows, np.frombuffer(self._output).reshape(-1, OUTPUT_SIZE)
 
 
 def places_of(is_taken: Bools, before: int) -> Any:

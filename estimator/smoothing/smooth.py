@@ -35,13 +35,12 @@ PIECE_S, MARGIN_S = 600.0, 100.0
 
 
 def smooth(recording: Recording) -> None:
-    """Let the recording's output be what came before and behind each sample shows.
+    """Put into the recording's output what came before and behind each sample shows.
 
-    That is attitude, sigmas, rate and bias; the other columns stay.
-
-    Fast streams without velocity are averaged both ways along the gyroscope's path. Elsewhere, and
-    in vehicles between holes, where that average is short, the estimator goes over the recording
-    once more, backward, and both estimates are joined.
+    That is attitude, sigmas, rate and bias; the other columns stay. Fast streams without velocity
+    are averaged both ways along the gyroscope's path. Elsewhere, and in vehicles between holes,
+    where that average is short, the estimator goes over the recording once more, backward, and both
+    estimates are joined.
     """
     recording.look_ahead()
     output, best = recording.output, estimates_of(recording.output)
@@ -107,7 +106,7 @@ def of_piece(recording: Recording) -> tuple[Floats, Floats]:
     acc = recording.rows.acc_m_s2  # each at the attitude of its own time
     felt_g = rotate(path.q_g_frd, acc - late_s(recording) * cross(path.rate_rad_s, acc))
     vertical = level(last, windows, path, -felt_g)
-    magnetic = last.core.core.conditioning.field.magnetic
+    magnetic = last.core.conditioning.field.magnetic
     if has_heading(magnetic) and recording.rows.has_mag.any():
         q_ned_frd, heading_rad = turn_north(recording, windows, path, vertical)
     else:

@@ -295,7 +295,7 @@ def test_a_compass_that_is_found_turned_is_turned_once_in_a_look():
     """The rest of the turn that the aiding had learnt belongs to the readings before."""
     state = taken_along(Estimator(PROFILE), LONG_FLIGHT, 2_000)
     state.change_context(compass=Compass())  # as if nobody had said a word
-    now, P = state.core.core, state.core.core.covariance
+    now, P = state.core, state.core.covariance
     P[COMPASS_TURN, COMPASS_TURN] = 1e-8
     seen = now.seen._replace(sigma_heading_rad=0.02, sigma_inclination_rad=0.01)
     by_field = align(conditioned_vectors(state.settings.reference, seen))
@@ -304,7 +304,7 @@ def test_a_compass_that_is_found_turned_is_turned_once_in_a_look():
     )
     aided = now.aided._replace(estimate=estimate, sigma=now.aided.sigma._replace(heading_rad=0.02))
     state.set_core(now._replace(seen=seen, aided=aided, covariance=P))
-    judge_mounting(state, state.core.core)
+    judge_mounting(state, state.core)
     assert abs(state.context.compass.turned_rad) == pytest.approx(1.0)
 
 
