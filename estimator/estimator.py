@@ -6,14 +6,14 @@ from typing import Any
 import numpy as np
 
 from estimator.aiding import compass
-from estimator.aiding.phase import Cause
+from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.arrays import Floats
 from estimator.filter.types import gain_in_words
 from estimator.geometry.earth import update_position
 from estimator.live.aiding_span import with_imu_lag
 from estimator.live.compass_check import dip_error_rad
-from estimator.live.core import apply_turn, change_imu
+from estimator.live.core import apply_turn, change_imu, initial_core
 from estimator.live.kernel_handle import NO_ROWS_BOUND, bind_rows, status
 from estimator.live.published import write
 from estimator.live.rows import (
@@ -31,6 +31,7 @@ from estimator.live.situation import AIDED
 from estimator.live.state import State
 from estimator.live.step import SHOWN_LATE, TAKEN
 from estimator.live.taking import decide, move, take_rate, take_report, take_sample
+from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import (
     ZERO_VEC3,
@@ -153,6 +154,19 @@ class Estimator(State):
         """
         return (take_rate if isinstance(report, RateSample) else take_report)(self, report)
 
+    def replace_profile(self, profile: Profile) -> None:
+        """Use other parameters from the next sample on; the estimate stays.
+
+        All or nothing: what a profile raises, it raises before anything has changed.
+        """
+        self.use_profile(profile)
+
+    def restart(self) -> None:
+        """Forget the attitude and align anew; what was declared, and the place, stay."""
+        known = compass.restart(self.context.compass)
+        self.change_context(phase=Phase.EMPTY, reports=(), is_by_field=False, compass=known)
+        self.set_core(initial_core(self.settings))
+
     def set_position(
         self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
     ) -> bool:
@@ -199,7 +213,7 @@ class Estimator(State):
         """
         if vehicle_class is not self.context.vehicle_class:
             self.change_context(vehicle_class=vehicle_class)
-            self.renew_settings()
+            self.use_profile(self.profile)
 
     def change_imu(self) -> None:
         """The samples are another IMU's from now on: its biases are its own."""

@@ -173,22 +173,11 @@ class State:
             north_without={RAW: north, CONDITIONED: 0, AIDED: NORTHS.index("true")}[self.source],
         )
 
-    def replace_profile(self, profile: Profile) -> None:
-        """Use other parameters from the next sample on; the estimate stays.
-
-        All or nothing: what a profile raises, it raises before anything has changed.
-        """
+    def use_profile(self, profile: Profile) -> None:
+        """Derive the settings from a profile and from what is known of vehicle and place by now."""
         settings = self._settings_of(profile)
-        self.profile = profile
-        self._use(settings)
-
-    def renew_settings(self) -> None:
-        """Derive the settings anew after a change of what is known of vehicle or place."""
-        self._use(self._settings_of(self.profile))
-
-    def _use(self, settings: Settings) -> None:
         now, memory = self.core, self.core.conditioning
-        self.settings = settings
+        self.profile, self.settings = profile, settings
         self.set_context(self.context)
         vertical = memory.vertical._replace(coefficients=Coefficients())  # of the new parameters
         self.set_core(now._replace(conditioning=memory._replace(vertical=vertical)))
@@ -199,12 +188,6 @@ class State:
         """A profile's settings for what is known of the vehicle and of its place."""
         vehicle_class = self.context.vehicle_class
         return settings_of(profile, self.fixed_gain, self.place_field, vehicle_class)
-
-    def restart(self) -> None:
-        """Forget the attitude and align anew; what was declared, and the place, stay."""
-        known = compass.restart(self.context.compass)
-        self.change_context(phase=Phase.EMPTY, reports=(), is_by_field=False, compass=known)
-        self.set_core(initial_core(self.settings))
 
     def enter(self, cause: Cause) -> None:
         """Go on to the phase that follows; what does not come along is made blank."""

@@ -184,7 +184,7 @@ def move(state: State, known: LastPosition) -> None:
     state.change_context(last_position=known)
     if known.here is None or known.here is before.here:
         return
-    state.renew_settings()
+    state.use_profile(state.profile)
     now, field = state.core, known.here.field
     if not state.is_aided or (now.seen.has_heading and not rolls(state.settings.aiding)):
         # magnetic until now, or by another place's declination; by velocity it is true already
