@@ -22,7 +22,6 @@ from estimator.live.rows import (
 )
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.row_taking import put, take
 from estimator.types import ImuSample, Quaternion, RateSample, VelocitySample
 
 # A wrong start: 170 deg about NED (1,1,1)/sqrt 3, next to the unstable equilibrium, as the paper
@@ -119,12 +118,12 @@ def course_of(
         for call in calls.get(begin, ()):
             call(estimator)
         part = cut(rows, begin, end)
-        take(estimator, part, published[begin:end], reports_between(reports, begin, end))
+        estimator.take_all(part, published[begin:end], reports_between(reports, begin, end))
         if end - 1 in wrong_ned_frd:
             now = estimator.snapshot
             core = with_attitude(now.core, wrong_ned_frd[end - 1])
             estimator.snapshot = now._replace(core=core)
-            put(estimator, int(part.times_us[-1]), published[end - 1])
+            estimator.put(int(part.times_us[-1]), published[end - 1])
         begin = end
     return Course(published[:, Q], published[:, SIGMA], published[:, BIAS])
 

@@ -15,7 +15,7 @@ from estimator.arrays import Bools, Floats
 from estimator.calibration import PLAIN, Calibration
 from estimator.errors import InputError
 from estimator.estimator import Estimator
-from estimator.live.rows import NO_REPORT_ROWS, Rows, cut
+from estimator.live.rows import NO_REPORT_ROWS, SIGMA, Q, Rows, cut
 from estimator.profile import Profile
 from estimator.smoothing import Recorder, smooth_all
 from estimator.types import Quaternion
@@ -122,7 +122,7 @@ def sure_flight(flight: Flight, profile: Profile, *, is_wanted: bool) -> Flight:
     course_of(recorder, flight.rows, flight.calls, flight.reports)
     times_us, smoothed = smooth_all(recorder)
     at = np.searchsorted(times_us, flight.rows.times_us)
-    truth, sigma = smoothed.q_ned_frd[at], smoothed.sigma_rad[at]
+    truth, sigma = smoothed[at, Q], smoothed[at, SIGMA]
     sure = np.isfinite(truth).all(axis=1, keepdims=True) & (np.degrees(sigma) < SURE_DEG)
     known, headed = sure[:, 0], flight.headed & sure[:, 1]
     has_north = flight.has_field and flight.headed.mean() > 0.5

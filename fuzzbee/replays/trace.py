@@ -19,6 +19,7 @@ from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, scale
+from estimator.live.rows import BIAS, RATE, SIGMA, Q
 from estimator.profile import Profile
 from estimator.types import Attitude, ImuSample, Vec3
 from fuzzbee.attitudes import PLACE
@@ -300,9 +301,9 @@ def _smooth(trace: VehicleTrace) -> None:
     times_us, now = smooth_all(trace.vehicle.estimator)
     trace.vehicle.estimator.recordings().clear()  # for each sample its readings
     at, north = np.searchsorted(times_us, trace["time_us"]), trace["heading_reference"]
-    trace.put("q_ned_frd", [now.q_ned_frd[at]])
-    trace.put("rate_rad_s", [now.rate_rad_s[at]])
-    trace.put("gyro_bias_rad_s", [now.bias_rad_s[at]])
-    trace.put("sigma_inclination_rad", [now.sigma_rad[at, 0]])
-    trace.put("sigma_heading_rad", [now.sigma_rad[at, 1]])
+    trace.put("q_ned_frd", [now[at, Q]])
+    trace.put("rate_rad_s", [now[at, RATE]])
+    trace.put("gyro_bias_rad_s", [now[at, BIAS]])
+    trace.put("sigma_inclination_rad", [now[at, SIGMA][:, 0]])
+    trace.put("sigma_heading_rad", [now[at, SIGMA][:, 1]])
     trace.put("heading_reference", [np.full_like(north, north[-1])])
