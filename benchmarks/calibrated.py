@@ -40,7 +40,7 @@ from drivers.simulation.simulated_vehicle import SimulatedVehicle, imu_errors
 from estimator.calibration import Calibration
 from estimator.types import ImuSample
 from fuzzbee import Estimator
-from fuzzbee.calibration_readings import recording as flown_recording
+from fuzzbee.calibration_report import recording as flown_recording
 from tuning.calibration.fit import KEYS, fit_sensors
 from tuning.calibration.spans import Recording
 
@@ -167,7 +167,7 @@ def flight_row(motion: str, seed: int) -> Row:
 
     with written(case, motion, seed + FLOWN_APART) as path:
         trace = fly(changed(read(path), spoiled)).trace
-        found = fit_sensors([flown_recording(path, trace, None)]).found
+        found = fit_sensors([flown_recording(trace, None)]).found
     events = recorded(case, motion, seed)
     wrong, row = changed(events, spoiled), Row()
     calibration = {"calibration": msgspec.to_builtins(found)}

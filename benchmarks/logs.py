@@ -25,10 +25,9 @@ from scipy.spatial.transform import Rotation
 from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import load_profile
 from estimator.types import DOWN
-from fuzzbee.replays.log_report import replay_log
 from fuzzbee.replays.motion import motion_mask
 from fuzzbee.replays.score import compare
-from fuzzbee.replays.trace import VehicleTrace
+from fuzzbee.replays.trace import VehicleTrace, replay_log
 
 MEAN_S = 10.0
 TAUS_S = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)
@@ -88,7 +87,7 @@ def share(under: Bools, which: Bools) -> float | None:
 
 def score(path: Path, trace: VehicleTrace) -> Row | None:
     """The figures of one log; None if there is too little to compare with."""
-    compare(path, trace, None)
+    compare(trace, None)
     source, truth = trace.reference, trace["reference_q_ned_frd"]
     known = np.isfinite(truth[:, 0])
     if source is None or np.count_nonzero(known) < LEAST_COMPARED:

@@ -109,11 +109,10 @@ def save(name: str, title: str, shown: RenderableType, height: int) -> None:
 
 def draw_viewer() -> None:
     """The page that a browser shows."""
-    from fuzzbee.outputs import ViewerOptions
     from fuzzbee.viewer.viewer import ViewerSink
     from tests.fuzzbee import browser
 
-    sink = ViewerSink(ViewerOptions(view="web"))
+    sink = ViewerSink(view="web")
     try:
         for turn in outputs(*VIEWED):
             sink.handle(turn)

@@ -91,8 +91,8 @@ class Provenance(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
     seeds: dict[str, Any] = {}
 
 
-class Profile(Struct, frozen=True, forbid_unknown_fields=True):
-    """A whole profile.
+class Profile(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A whole profile; its sections in the order in which they are written.
 
     ``membership`` holds k1..k22. ``conditioning`` holds ``enabled`` (False: raw vectors, as in the
     paper) and fields of :class:`estimator.conditioning.params.ConditioningParams`, ``aiding`` those
@@ -100,12 +100,12 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True):
     ATTITUDE show the turning between IMU samples; its angles are never used.
     """
 
-    membership: dict[str, float]
-    conditioning: dict[str, float | bool]
-    aiding: dict[str, float | bool] = {}
     reference: Reference = Reference()
     filter: Filter = Filter()
+    membership: dict[str, float]
     confidence: Confidence = Confidence()
+    conditioning: dict[str, float | bool]
+    aiding: dict[str, float | bool] = {}
     mounting: Mounting = Mounting()
     calibration: Calibration = Calibration()
     rates: Literal["imu", "imu+attitude"] = "imu+attitude"
@@ -142,13 +142,6 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True):
     def conditioned(self) -> bool:
         """Whether the conditioning stage stands before the filter."""
         return bool(self.conditioning["enabled"])
-
-
-# In the order in which they are written.
-SECTIONS = (
-    *("reference", "filter", "membership", "confidence", "conditioning", "aiding"),
-    *("mounting", "calibration", "rates", "provenance"),
-)
 
 
 def load_profile(name_or_path: str | Path) -> Profile:
@@ -230,7 +223,7 @@ def profile_to_json(profile: Profile) -> dict[str, Any]:
     tree: dict[str, Any] = msgspec.to_builtins(profile)
     for section, defaults in DEFAULTS.items():
         tree[section] = {**defaults, **tree[section]}
-    return {section: tree[section] for section in SECTIONS}
+    return tree
 
 
 def profile_to_toml(profile: Profile) -> str:

@@ -27,7 +27,6 @@ from estimator.live.rows import (
 )
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from estimator.reasons import Reason
-from estimator.row_taking import take
 from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3, VelocitySample
 from fuzzbee import arguments
 from fuzzbee.arguments import MICROSECONDS, MOST_S, array, microseconds, number, vector
@@ -330,7 +329,8 @@ class Estimator:
         for row, *place in (*places.tolist(), (n,)):
             end = int(row)
             between = reports_between(reports, begin, end)
-            reasons = take(self._inner, cut(rows, begin, end), published[begin:end], between)
+            part = cut(rows, begin, end)
+            reasons = self._inner.take_all(part, published[begin:end], between)
             refused.update(reason.value for reason in reasons)
             if place:
                 self.set_position(*place)

@@ -4,64 +4,44 @@ One fit of trajectories and constants takes all recordings. A single flight's co
 the World Magnetic Model instead, which a stream of any rate allows.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from math import atan2, cos, degrees, inf
+from collections.abc import Mapping, Sequence
+from math import atan2, cos, degrees, inf, radians
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import msgspec
 import numpy as np
 
-from drivers.logs.table import blocks
+from drivers.logs.other_sensors import compasses, currents
+from drivers.logs.table import Table, blocks
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from drivers.mavlink import ardupilot
 from drivers.mavlink.ardupilot import AXES, COMPASS, MOTORS
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
-from estimator.arrays import Floats
+from drivers.samples.imu_stream import RepeatedField
+from estimator.arrays import Bools, Floats
 from estimator.calibration import UNCHANGED, Calibration, Mounting
 from estimator.errors import InputError
 from estimator.geometry.earth import PlaceField, in_ned
 from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import Profile
 from estimator.types import DOWN
-from fuzzbee.calibration_readings import choose_compass, compass_readings, recording
-from fuzzbee.replays.log_report import refused_text, replay_log
-from fuzzbee.replays.trace import How, VehicleTrace
-from tuning.calibration.cross_validation import WON
-from tuning.calibration.fit import SensorFit, fit_sensors
+from fuzzbee.attitudes import PLACE
+from fuzzbee.replays.trace import VELOCITIES, How, VehicleTrace, replay_log
+from tuning.calibration.fit import fit_sensors
+from tuning.calibration.spans import Recording
 from tuning.compass_fit import CompassFit, fit_compass
 from tuning.space import sensor_axes
 from tuning.turning import compass_turn
 
 SLOWEST_HZ = 19.0  # turning between the samples of slower streams does not show
-UNITS = {"gyr_bias_rad_s": "rad/s", "acc_bias_m_s2": "m/s²", "mag_offset_gauss": "gauss"}
+LEAST_S = 10.0  # of a recording
+MOST_S = 1200.0  # the stretch that turns most is used
+HEADED_RAD = radians(15.0)  # sigma of a heading that the compass is judged by
+SETTLED = 0.1  # of the samples: the estimate has begun by then
+BESIDE_US = 200_000  # a reading further from every sample belongs to none
 # By ArduPilot's numbers of a compass, as its parameters are known by
 NUMBERED = {1: "SCALED_IMU2", 2: "SCALED_IMU3"}
-
-
-class CalibrationReport(NamedTuple):
-    """What all recordings show together.
-
-    ``calibration`` is in the sensors' axes. ``fit`` is None for streams too slow, ``compass`` (as
-    ``--json`` has it) where one log's flight does not show it. ``refused`` has a line for each log
-    of which much was.
-    """
-
-    sources: list[str]
-    calibration: Calibration
-    ardupilot: dict[str, float]
-    fit: SensorFit | None
-    compass: dict[str, Any] | None
-    refused: list[str]
-
-    def as_json(self) -> dict[str, Any]:
-        """The schema of ``calibrate --json``: the compass's figures, and those of all sensors."""
-        found = {"source": ", ".join(self.sources), **(self.compass or {})}
-        found |= {"calibration": self.calibration, "ardupilot": self.ardupilot}
-        if self.fit is not None:
-            names = ("sigma", "left", "predicted", "field_misfits", "lags_s")
-            found["sensors"] = {name: getattr(self.fit, name) for name in names}
-        return found
 
 
 def report_calibration(
@@ -71,38 +51,43 @@ def report_calibration(
     system_id: int | None = None,
     window: TimeWindow = WHOLE_LOG,
     compass: int | None = None,
-) -> CalibrationReport:
+) -> tuple[dict[str, Any], list[str]]:
     """What the logs of one IMU show of its sensors, in the ``field`` of their place or one given.
 
-    ``compass`` is the number of another compass than the one that the IMU's message has.
+    ``compass`` is the number of another compass than the one that the IMU's message has. The result
+    is what ``calibrate --json`` prints, and a line for each log of which much was refused. Its
+    ``calibration`` is in the sensors' axes. It has ``sensors`` of fast streams only, and the
+    compass's figures only of one log whose flight shows them.
 
     Raises:
         InputError: a log cannot be read, has no such compass, or none of the constants shows.
     """
     plain = msgspec.structs.replace(profile, calibration=Calibration())
     how = How(system_id=system_id, window=window)
-    runs = [(path, replay_log(path, plain, how)) for path in paths]
-    messages = [choose_compass(*run, plain, compass) for run in runs]
-    is_fast = max(trace.step_s or inf for _, trace in runs) < 1.0 / SLOWEST_HZ
-    first = runs[0][1]
+    traces = [replay_log(path, plain, how) for path in paths]
+    messages = [choose_compass(trace, plain, compass) for trace in traces]
+    is_fast = max(trace.step_s or inf for trace in traces) < 1.0 / SLOWEST_HZ
+    first = traces[0]
     way_out = "several logs together need 20 samples a second or more"
     if is_fast:
         way_out = "turn it slowly about all axes, for two minutes or more"
-    of_compass, why = None, InputError(f"{paths[0]}: no constant shows: {way_out}")
+    of_compass, why = dict[str, Any](), InputError(f"{paths[0]}: no constant shows: {way_out}")
     if len(paths) == 1:
         try:
-            of_compass = _report_compass(paths[0], first, field, messages[0], compass)
+            of_compass = _report_compass(first, field, messages[0], compass)
         except InputError as error:
             why = error
-    fit, parameters, found = None, dict[str, float](), Calibration()
+    sensors, parameters, found = dict[str, Any](), dict[str, float](), Calibration()
     if is_fast:
         try:
-            fit = fit_sensors([recording(*run, field) for run in runs])
+            fit = fit_sensors([recording(trace, field) for trace in traces])
         except np.linalg.LinAlgError as error:
             raise InputError(f"{paths[0]}: nothing fits these readings: {error}") from None
         found = fit.found
+        names = ("sigma", "left", "predicted", "field_misfits", "lags_s")
+        sensors = {"sensors": {name: getattr(fit, name) for name in names}}
         parameters = ardupilot.inertial_parameters(first.parameters, first.message, found)
-    if of_compass is not None:
+    if of_compass:
         iron = {"mag_matrix": UNCHANGED, **of_compass["calibration"]}
         found = msgspec.structs.replace(found, **iron)
         parameters |= of_compass["ardupilot"]
@@ -110,13 +95,14 @@ def report_calibration(
         raise why
     if first.kind[0] not in (None, MAV_AUTOPILOT_ARDUPILOTMEGA):
         parameters = {}
-    refused = [f"{path}: {text}" for path, trace in runs if (text := refused_text(trace))]
-    in_sensor = in_sensor_axes(found, profile.mounting)
-    return CalibrationReport([*map(str, paths)], in_sensor, parameters, fit, of_compass, refused)
+    refused = [f"{trace.log.path}: {trace.refused}" for trace in traces if trace.refused]
+    report = {"source": ", ".join(map(str, paths)), **of_compass}
+    report |= {"calibration": in_sensor_axes(found, profile.mounting), "ardupilot": parameters}
+    return report | sensors, refused
 
 
 def _report_compass(
-    path: Path, trace: VehicleTrace, field: PlaceField | None, message: str, compass: int | None
+    trace: VehicleTrace, field: PlaceField | None, message: str, compass: int | None
 ) -> dict[str, Any]:
     """What a log's trace shows of its compass, in the ``field`` of its place or of the one given.
 
@@ -128,8 +114,8 @@ def _report_compass(
     Raises:
         InputError: no position, no compass, or too few turns to find any offset.
     """
-    mag, q, there, current_a = compass_readings(path, trace)
-    field = field or trace.vehicle.estimator.place_field
+    mag, q, there, current_a = compass_readings(trace)
+    path, field = trace.log.path, field or trace.vehicle.estimator.place_field
     if not len(mag):
         raise InputError(f"{path}: no magnetometer")
     if field is None:
@@ -205,50 +191,90 @@ def in_sensor_axes(body: Calibration, mounting: Mounting) -> Calibration:
     return msgspec.convert(keys, Calibration)
 
 
-def report_lines(report: CalibrationReport) -> Iterator[str]:
-    """A profile's section, with all else in comments."""
-    compass, fit = report.compass, report.fit
-    if compass is not None:
-        yield from _compass_lines(Path(report.sources[0]).name, compass)
-    for key, sigma in {} if fit is None else fit.sigma.items():
-        if fit is not None and (compass is None or "mag" not in key):
-            size = f"sigma at most {max(sigma):.4f} {UNITS.get(key, '')}".rstrip()
-            won = fit.predicted.get(key)
-            why = "does not predict parts left out" if won is not None else "velocity was reported"
-            shows = won is not None and won >= WON
-            yield f"# {key}: {size if shows else f'not shown: {why} ({size})'}"
-    yield "[calibration]"
-    for key, value in msgspec.to_builtins(report.calibration).items():
-        if value != msgspec.to_builtins(getattr(Calibration(), key)):
-            yield f"{key} = {msgspec.json.encode(value).decode()}"
-    if report.ardupilot:
-        adds = ""
-        if compass is not None and compass["ardupilot_adds"]:
-            how = "add OFS to that" if compass["orientation"] is None else "taken for NONE"
-            adds = f"; the log does not say what was set: {how}"
-        yield f"# ArduPilot, to be looked at before use{adds}:"
-    for name, number in report.ardupilot.items():
-        digits = 0 if "MOTCT" in name or "ORIENT" in name else 1 if "COMPASS_OFS" in name else 4
-        yield f"# {name} {number:.{digits}f}"
+# --- what is fitted of a replayed log: its IMU, one compass, velocities, current
 
 
-def _compass_lines(log: str, found: dict[str, Any]) -> Iterator[str]:
-    before, after = (1e3 * each for each in found["misfit_gauss"])
-    sigma = ", ".join(f"{1e3 * each:.1f}" for each in found["offset_sigma_gauss"])
-    yield f"# {log}: {found['readings']} readings of {found['message']}"
-    yield f"# the field there: {1e3 * found['field_gauss']:.0f} mG, dip {found['dip_deg']:.1f} deg"
-    yield f"# median misfit: {before:.1f} mG as it is, {after:.1f} mG corrected"
-    yield f"# sigma: offset {sigma} mG, of a heading by it {found['heading_sigma_deg']:.1f} deg"
-    if found["current_gauss_a"] is not None:
-        pairs = zip(found["current_gauss_a"], found["current_sigma_gauss_a"], strict=True)
-        each_a = ", ".join(f"{1e3 * each:.2f} (sigma {1e3 * sigma:.2f})" for each, sigma in pairs)
-        yield f"# of the battery's current: {each_a} mG for each ampere; below at the usual one"
-    if found["matrix_sigma"] is None:
-        yield "# soft iron: these turns show none"
-    else:
-        yield f"# sigma of the matrix: at most {np.max(found['matrix_sigma']):.3f}"
-    if found["orientation"] is not None:
-        yield f"# the compass is turned: its orientation should be {found['orientation']}"
-        yield "# set that, then calibrate by another flight; the matrix below is for this log"
-    if found["unseen"]:
-        yield f"# not flown: the field never came within 45 deg of {', '.join(found['unseen'])}"
+def choose_compass(trace: VehicleTrace, profile: Profile, number: int | None) -> str:
+    """Put the field of another compass into the trace's columns; the name of its message.
+
+    Raises:
+        InputError: the log has no such compass.
+    """
+    if number is None:
+        return trace.message
+    found = compasses(trace.log, trace.address.system_id)
+    known = sorted(found) or ([0] if trace["has_mag"].any() else [])
+    if number not in known:
+        there = ", ".join(map(str, known)) or "none"
+        raise InputError(f"{trace.log.path}: no compass {number} (there is: {there})")
+    if number not in found:
+        return trace.message
+    message, arrivals_us, mag = found[number]
+    samples_us = trace["arrival_us"]
+    rows = np.searchsorted(0.5 * (samples_us[1:] + samples_us[:-1]), arrivals_us)  # the nearest
+    used = RepeatedField().fresh_rows(mag, arrivals_us)
+    used &= np.abs(samples_us[rows] - arrivals_us) <= BESIDE_US
+    columns, has_mag = np.zeros((len(samples_us), 3)), np.zeros(len(samples_us), np.bool_)
+    columns[rows[used]], has_mag[rows[used]] = mag[used], True
+    _, _, columns = profile.to_body_rows(0.0 * columns, 0.0 * columns, columns)
+    trace.put("mag_gauss", [columns])
+    trace.put("has_mag", [has_mag])
+    return message
+
+
+def compass_readings(trace: VehicleTrace) -> tuple[Floats, Floats, Bools, Floats | None]:
+    """Fields (N, 3) once the estimate has begun, attitudes (N, 4) then, and the current (N,).
+
+    The third (N,) is true where velocity has shown the heading.
+    """
+    mag, q = trace["mag_gauss"], trace["q_ned_frd"]
+    is_known = trace["has_mag"] & mag.any(axis=1) & np.isfinite(mag).all(axis=1)
+    there = np.flatnonzero(is_known & np.isfinite(q).all(axis=1))
+    there = there[int(SETTLED * len(there)) :]
+    is_headed = trace["is_aided"] & (trace["heading_reference"] == PLACE["true"])
+    is_headed &= trace["sigma_heading_rad"] < HEADED_RAD
+    found = currents(trace.log, trace.address.system_id)
+    current_a = None
+    if found:
+        times_us, amperes = zip(*found, strict=True)
+        current_a = np.interp(trace["arrival_us"][there], times_us, amperes)
+    return mag[there], q[there], is_headed[there], current_a
+
+
+def recording(trace: VehicleTrace, field: PlaceField | None) -> Recording:
+    """The stretch of a trace that turns most, of what the estimate has an attitude for.
+
+    Raises:
+        InputError: it is too short to show anything.
+    """
+    q = trace["q_ned_frd"]
+    times_s, gyr = trace.time_s + 1e-6 * trace.zero_us, trace["gyr_rad_s"]
+    rows = _liveliest(times_s, gyr, np.isfinite(q[:, 0]))
+    first_s, last_s = times_s[rows][[0, -1]]
+    if last_s - first_s < LEAST_S:
+        raise InputError(f"{trace.log.path}: shorter than {LEAST_S:g} s")
+    most = max(trace.velocities.values(), key=len, default=Table(**VELOCITIES))  # by message
+    order = np.argsort(most["time_us"], kind="stable")
+    at_s = 1e-6 * most["time_us"][order]
+    within = (at_s >= first_s) & (at_s <= last_s)
+    mag, place = trace["mag_gauss"][rows], field or trace.vehicle.estimator.place_field
+    return Recording(
+        times_s[rows],
+        gyr[rows],
+        trace["acc_m_s2"][rows],
+        mag,
+        trace["has_mag"][rows] & mag.any(axis=1),
+        q[rows],
+        at_s[within],
+        most["velocity_ned_m_s"][order][within],
+        None if place is None else np.array(in_ned(place)),
+    )
+
+
+def _liveliest(times_s: Floats, gyr: Floats, known: Bools) -> slice:
+    """The ``MOST_S`` that turn most, behind the first row with an attitude."""
+    first = int(np.argmax(known))
+    ends = np.searchsorted(times_s, times_s + MOST_S) - 1
+    turned = np.concatenate([[0.0], np.cumsum((gyr**2).sum(axis=1))])
+    begin = first + int(np.argmax(turned[ends[first:]] - turned[first : len(ends)]))
+    return slice(begin, int(ends[begin]) + 1)

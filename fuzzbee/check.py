@@ -23,7 +23,6 @@ EPILOG = opt.examples(
 )
 
 
-@opt.form
 class CheckOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 

@@ -33,9 +33,8 @@ OK, FAILED, BAD_INPUT = 0, 1, 2
 STANDARD_ERROR = 2
 UNWRITABLE = DISK_ERRORS | {errno.EBADF}  # of a standard output that is full or closed
 LEAST_ALIKE = 0.7  # of an option that is suggested
-# Names of threads that may hang: a sink on a stopped terminal, the compiler, a session that waits
-# for a silent peer.
-HANGING = ("sink ", "compiler", "zenoh opener", "zenoh closer")
+# Names of threads that may hang: a sink on a stopped terminal, a session that waits for its peer
+HANGING = ("sink ", "zenoh opener", "zenoh closer")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

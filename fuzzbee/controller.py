@@ -11,8 +11,8 @@ from estimator.filter.fuzzy import RULES, fuzzy_gain
 from estimator.filter.memberships import TERMS, Five, Memberships, fuzzy_sets
 from fuzzbee.replays.figure import COLORS, add_legend, require_plot, written_figure
 
-ERROR, ERROR_RATE, GAIN = "error", "error_rate", "k_op"
 FULL = 100.0  # of k_op
+TRIANGLE = (0.0, 1.0, 0.0)  # the membership at a set's corners
 POINTS = 1001  # of a universe, beside the corners of the sets
 STEPS = 201  # of the drawn surface, each way
 FIGURE_INCHES = (11.0, 8.0)
@@ -26,9 +26,9 @@ def control_system(k: Memberships, points: int = POINTS) -> control.ControlSyste
     filter exactly: the more points, the closer the two are (1e-9 at 100 000).
     """
     sets = fuzzy_sets(k)
-    error = control.Antecedent(_universe(sets.inputs, 1.0, points), ERROR)
-    rate = control.Antecedent(_universe(sets.inputs, 1.0, points), ERROR_RATE)
-    gain = control.Consequent(_universe(sets.output, FULL, points), GAIN)
+    error = control.Antecedent(_universe(sets.inputs, 1.0, points), "error")
+    rate = control.Antecedent(_universe(sets.inputs, 1.0, points), "error_rate")
+    gain = control.Consequent(_universe(sets.output, FULL, points), "k_op")
     for variable, five in ((error, sets.inputs), (rate, sets.inputs), (gain, sets.output)):
         for term, corners in zip(TERMS, five, strict=True):
             variable[term] = trimf(variable.universe, np.array(corners))
@@ -51,11 +51,11 @@ def _universe(sets: Five, end: float, points: int) -> Floats:
 def draw_controller(path: Path, name: str, k: Memberships) -> None:
     """Draw memberships, rules and the surface of K into a file."""
     require_plot(path)
-    variables = {variable.label: variable for variable in control_system(k).fuzzy_variables}
+    sets = fuzzy_sets(k)
     with written_figure(path, f"Fuzzy controller of profile {name}", FIGURE_INCHES) as sheet:
         (inputs, output), (rules, gains) = sheet.subplots(2, 2)
-        _draw_sets(inputs, variables[ERROR], 1.0, "error e, and its rate in 1/s")
-        _draw_sets(output, variables[GAIN], FULL, "k_op")
+        _draw_sets(inputs, sets.inputs, 1.0, "error e, and its rate in 1/s")
+        _draw_sets(output, sets.output, FULL, "k_op")
         rules.axis("off")
         rules.set_title("k_op by rate (rows) and error (columns)")
         cells = [[TERMS[consequent] for consequent in row] for row in RULES]
@@ -70,8 +70,8 @@ def draw_controller(path: Path, name: str, k: Memberships) -> None:
         gains.set_title("K = 1 + k_op")
 
 
-def _draw_sets(ax: Any, variable: Any, end: float, label: str) -> None:
-    for (term, known), color in zip(variable.terms.items(), COLORS, strict=True):
-        ax.plot(variable.universe, known.mf, color=color, label=term, lw=1.2)
+def _draw_sets(ax: Any, sets: Five, end: float, label: str) -> None:
+    for term, corners, color in zip(TERMS, sets, COLORS, strict=True):
+        ax.plot(corners, TRIANGLE, color=color, label=term, lw=1.2)
     ax.set(xlim=(0.0, end), xlabel=label, ylabel="membership")
     add_legend(ax, len(TERMS))

@@ -238,7 +238,7 @@ def _figures(attitude: AttitudeRecord | None, judged: Judgement, width: int) -> 
     shown = (f"roll {roll:+.1f}°", f"pitch {pitch:+.1f}°", f"heading {heading_text(attitude)}")
     line = Text("".join(text.center(third) for text in shown), style="bold")
     horizon = f"horizon {judged.horizon_text}".center(2 * third)
-    below = Text(horizon, style=LEVEL_COLOUR[judged.horizon])
+    below = Text(horizon, style=LEVEL_COLOUR[judged.horizon], no_wrap=True)
     below.append(judged.heading_text.center(third), style=LEVEL_COLOUR[judged.heading])
     return [line, below]
 

@@ -9,9 +9,10 @@ import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
+from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import track
 
 from estimator.compilation.compiled import called_kernels, entry_point
 from estimator.compilation.kernel_folder import NO_FOLDER, KernelLocator
@@ -41,18 +42,14 @@ def main() -> int:
     if path is None:
         console.print(f"fuzzbee: {NO_FOLDER}")
         return 1
-    columns = (TextColumn("compiling the filter"), BarColumn(), TimeElapsedColumn())
-    with (
-        ProcessPoolExecutor(os.cpu_count() or 1, get_context("spawn")) as pool,
-        Progress(*columns, console=console, transient=True) as bar,
-    ):
-        for module in MODULES:
-            importlib.import_module(module)
-        functions = [kernel.py_func for kernel in called_kernels()]  # whose types are known
-        names = [(function.__module__, function.__name__) for function in functions]
-        names.sort(key=lambda each: each[1] not in LONGEST)
-        jobs = [pool.submit(build_one, *each) for each in names]
-        for job in bar.track(as_completed(jobs), len(jobs)):
+    for module in MODULES:
+        importlib.import_module(module)
+    functions = [kernel.py_func for kernel in called_kernels()]  # whose types are known
+    functions.sort(key=lambda each: each.__name__ not in LONGEST)
+    with ProcessPoolExecutor(os.cpu_count() or 1, get_context("spawn")) as pool:
+        jobs = [pool.submit(build_one, each.__module__, each.__name__) for each in functions]
+        bar: Any = {"console": console, "transient": True}
+        for job in track(as_completed(jobs), "compiling the filter", len(jobs), **bar):
             job.result()
     console.print(f"the filter is compiled, {time.monotonic() - begin_s:.0f} s: {path}")
     return 0

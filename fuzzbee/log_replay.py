@@ -10,9 +10,9 @@ from estimator.profile import Profile
 from fuzzbee.arguments import file, number, profile_of
 from fuzzbee.attitudes import Attitudes, attitudes_of, euler_curves_deg
 from fuzzbee.options import time_window
-from fuzzbee.replays.log_report import report_log
 from fuzzbee.replays.report import LogReport
-from fuzzbee.replays.trace import How, VehicleTrace
+from fuzzbee.replays.score import report_log
+from fuzzbee.replays.trace import How
 
 
 @dataclass(frozen=True)
@@ -66,23 +66,16 @@ def replay(
         InputError: an argument of another kind; the log cannot be read, holds no IMU data of that
             vehicle, or lacks that reference.
     """
-    chosen = profile_of(profile)
-    found: list[VehicleTrace] = []
-    report = report_log(
-        file("log", log),
-        chosen,
-        How(
-            gain,
-            system_id,
-            smooth=smooth,
-            columns=None if columns is None else file("columns", columns),
-            window=time_window(begin, end, ("begin", "end")),
-        ),
-        reference=reference,
-        skip_s=number("skip_s", skip_s, 0.0, of=" of seconds"),
-        exports=[found.append],
+    how = How(
+        gain,
+        system_id,
+        smooth=smooth,
+        columns=None if columns is None else file("columns", columns),
+        window=time_window(begin, end, ("begin", "end")),
     )
-    (trace,) = found
+    skip_s = number("skip_s", skip_s, 0.0, of=" of seconds")
+    path, chosen = file("log", log), profile_of(profile)
+    trace, report = report_log(path, chosen, how, reference=reference, skip_s=skip_s)
     return LogReplay(
         attitudes=attitudes_of(trace, trace.zero_us),
         reference_q_ned_frd=np.array(trace["reference_q_ned_frd"]),

@@ -5,12 +5,11 @@ What checks a value raises an InputError that names the option and the value.
 
 import inspect
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from copy import copy
 from functools import partial, wraps
 from importlib.util import find_spec
 from math import inf, isfinite
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 import typer
 from typer.models import OptionInfo
@@ -19,8 +18,6 @@ from estimator.errors import InputError, missing_extra
 from fuzzbee.notify import notify
 
 if TYPE_CHECKING:
-    import zenoh
-
     from drivers.logs.time_window import Moment, TimeWindow
     from service.zenoh_session import OpeningSession
 
@@ -29,8 +26,6 @@ PROFILES = ("paper", "imu", "adaptive")
 SIMULATION = "sim:"  # the paper's signals, in place of a log
 
 KEYWORD = inspect.Parameter.KEYWORD_ONLY
-Form = TypeVar("Form", bound=NamedTuple)
-Result = TypeVar("Result")
 
 
 def option(
@@ -65,48 +60,42 @@ JSON = showing("JSON on standard output, nothing else there.", "--json", default
 VERBOSE = showing("Say more on standard error.", "--verbose", "-v", default=False)
 
 
-def form(options: type[Form]) -> type[Form]:
-    """A named tuple whose fields are options; one that is made without typer has their defaults."""
-    fields: Any = options
-    defaults = fields._field_defaults.values()
-    fields.__new__.__defaults__ = tuple(getattr(each, "default", each) for each in defaults)
-    return options
+def command(verb: Callable[[Any], Any]) -> Any:
+    """The verb as typer takes it: a parameter for each field of the named tuple that it takes.
 
-
-def command(verb: Callable[[Form], Result]) -> Callable[..., Result]:
-    """The verb as typer takes it: a parameter for each field of the form that it takes.
-
-    A field that is a form itself stands for that one's fields.
+    A field that is a named tuple itself stands for that one's fields.
     """
     options = next(iter(get_type_hints(verb).values()))
     parameters = [*_parameters(options)]
 
-    @wraps(verb)
-    def parsed(**given: Any) -> Result:
+    def parsed(**given: Any) -> Any:
         return verb(_made(options, given))
 
-    call: Any = parsed
+    call: Any = wraps(verb)(parsed)
     call.__annotations__ = {each.name: each.annotation for each in parameters}
     call.__signature__ = inspect.Signature(parameters)
-    return parsed
+    return call
 
 
 def _parameters(options: Any) -> Iterator[inspect.Parameter]:
-    for name, kind in get_type_hints(options).items():
-        if hasattr(kind, "_fields"):
-            yield from _parameters(kind)
+    kinds = get_type_hints(options)
+    for name, default in options._field_defaults.items():
+        if hasattr(default, "_fields"):
+            yield from _parameters(type(default))
             continue
-        info = copy(options._field_defaults[name])
+        info = copy(default)
         if isinstance(info, OptionInfo) and not info.param_decls:
             info.param_decls = (flag_of(name),)  # typer's own name would give flags a second one
-        yield inspect.Parameter(name, KEYWORD, default=info, annotation=kind)
+        yield inspect.Parameter(name, KEYWORD, default=info, annotation=kinds[name])
 
 
 def _made(options: Any, given: dict[str, Any]) -> Any:
-    """The form, and those in it, of the values that were given."""
-    kinds = get_type_hints(options).items()
+    """The options, and those in them, of the values that were given."""
     return options(
-        *(_made(k, given) if hasattr(k, "_fields") else given[name] for name, k in kinds)
+        *(
+            _made(type(default), given) if hasattr(default, "_fields") else given[name]
+            for name, default in options._field_defaults.items()
+        )
     )
 
 
@@ -116,11 +105,11 @@ def flag_of(name: str) -> str:
 
 
 def asked_for(options: Any, *names: str) -> dict[str, Any]:
-    """By their flags those fields of a form, of all if none is named, that are not as without."""
+    """By their flags those of these fields that are not as without."""
     infos = options._field_defaults
     return {
         next(iter(infos[name].param_decls), flag_of(name)): value
-        for name in names or options._fields
+        for name in names
         if (value := getattr(options, name)) != infos[name].default
     }
 
@@ -177,7 +166,6 @@ def _moment(name: str, given: Any) -> "Moment | None":
     return seconds
 
 
-@form
 class ZenohArguments(NamedTuple):
     """What run and watch are asked for of the session that they share."""
 
@@ -206,16 +194,8 @@ class ZenohArguments(NamedTuple):
     prefix: str = of_zenoh("What all keys begin with.", default="fuzzbee")
 
 
-def opening(arguments: ZenohArguments) -> "closing[OpeningSession]":
+def opening(arguments: ZenohArguments) -> "OpeningSession":
     """A session on its way, half a second, in which all else is loaded; closed at the end."""
     from service.zenoh_session import OpeningSession, ZenohOptions
 
-    return closing(OpeningSession(ZenohOptions(*arguments)))
-
-
-def opened(awaited: "OpeningSession") -> "zenoh.Session":
-    """The session, once it is open; a line names what it lacks."""
-    session = awaited.session()
-    if awaited.note is not None:
-        notify(awaited.note)
-    return session
+    return OpeningSession(ZenohOptions(*arguments), notify)

@@ -72,7 +72,7 @@ def _mavlink(options: Any, _session: Any, name: str = "send_attitude") -> "Sink 
         endpoint = parse_endpoint(getattr(asked, name))
         return MavlinkSink(endpoint, attitudes=attitudes, announces=announces, appears_as=other)
     except InputError as error:
-        raise InputError(f"--{name.replace('_', '-')}: {error}") from error
+        raise InputError(f"{opt.flag_of(name)}: {error}") from error
 
 
 def parse_address_of(text: str) -> "VehicleId":
@@ -87,10 +87,9 @@ def parse_address_of(text: str) -> "VehicleId":
 
 def _metrics(options: Any, _session: Any) -> "Sink":
     opt.require_extra("prometheus_client", "--metrics", "metrics")
-    from fuzzbee.latest import Latest
-    from service.sinks.metrics import MetricsSink
+    from fuzzbee.metrics import MetricsSink
 
-    return MetricsSink(options.outputs.metrics, Latest())
+    return MetricsSink(options.outputs.metrics)
 
 
 def _together(options: Any, session: "zenoh.Session | None") -> "Sink":
@@ -149,34 +148,23 @@ def open_outputs(options: Any, session: "zenoh.Session | None") -> "Iterator[Sin
         yield viewer
 
 
-class ViewerOptions(NamedTuple):
-    """What was asked for: a window or "web", or None; a file, or None. Live, the past is less."""
-
-    view: str | None = None
-    rrd: str | None = None
-    live: bool = False
-
-
-def viewer_options(
-    view: str | None, rrd: str | None, *, live: bool = False
-) -> ViewerOptions | None:
-    """The viewer that the options ask for; None if they ask for none."""
+def wants_viewer(view: str | None, rrd: str | None) -> bool:
+    """Whether the options ask for a viewer; refuses one that there is not."""
     if view is None and rrd is None:
-        return None
+        return False
     if view not in (None, "window", "web"):
         raise InputError(f"--view {view}: should be window or web")
     opt.require_extra("rerun", "the viewer", "viewer")
-    return ViewerOptions(view, rrd, live)
+    return True
 
 
 def open_viewer(view: str | None, rrd: str | None, *, live: bool = False) -> "ViewerSink | None":
     """The viewer that was asked for, if any."""
-    options = viewer_options(view, rrd, live=live)
-    if options is None:
+    if not wants_viewer(view, rrd):
         return None
     from fuzzbee.viewer.viewer import ViewerSink
 
-    return ViewerSink(options)
+    return ViewerSink(view, rrd, live=live)
 
 
 def require_own_files(
@@ -187,9 +175,9 @@ def require_own_files(
     A link leads to the same file, by whatever name; a bag is a folder, and what a table's columns
     are stands beside it.
     """
-    taken = [Path(each) for each in inputs if each is not None]
-    taken += [columns_beside(each) for each in taken if each.suffix.lower() in TABLES]
-    folders = {os.path.realpath(each): each for each in taken if os.path.isdir(each)}  # noqa: PTH112
+    read = [Path(each) for each in inputs if each is not None]
+    read += [columns_beside(each) for each in read if each.suffix.lower() in TABLES]
+    written: list[Path] = []
     for option_name, file in outputs:
         if file is None:
             continue
@@ -197,13 +185,13 @@ def require_own_files(
         folder = Path(os.path.realpath(path)).parent
         if not folder.is_dir():
             raise InputError(f"{option_name} {path}: there is no such folder")
-        for other in taken:
+        for other in (*read, *written):
             if _are_same(path, other):
                 raise InputError(f"{option_name} {path}: is also {other}")
-        for above in (folder, *folder.parents):
-            if (within := folders.get(str(above))) is not None:
-                raise InputError(f"{option_name} {path}: is within {within}")
-        taken.append(path)
+        for other in read:
+            if folder.is_relative_to(os.path.realpath(other)):
+                raise InputError(f"{option_name} {path}: is within {other}")
+        written.append(path)
 
 
 def _are_same(one: Path, other: Path) -> bool:

@@ -1,15 +1,22 @@
 """What ``watch`` takes from the network: records that can be shown."""
 
 import re
-from collections.abc import Callable
-from typing import Any
+from collections import deque
+from collections.abc import Callable, Iterator
+from threading import Event
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from fuzzbee.notify import printable
 from service.records import SCHEMA, AttitudeRecord, StatusRecord
 
+if TYPE_CHECKING:
+    import zenoh
+
 VEHICLE = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
+# 2 s of 50 vehicles at 100 Hz. When it is full the oldest is dropped: the newest is worth most.
+MAX_PENDING = 10_000
 # In bytes. Our largest record, a status with every reason for refusal, has less than 5000.
 LONGEST_PAYLOAD = 16_384
 SHOWN = 80  # so many characters of a key are printed
@@ -18,11 +25,32 @@ Record = AttitudeRecord | StatusRecord
 
 
 class Reception:
-    """Turns keys and payloads into records; reports once for each reason why some are refused."""
+    """Keeps samples between zenoh's thread and ours, and turns them into records.
+
+    Reports once for each reason why some are refused.
+    """
 
     def __init__(self, notify: Callable[[str], None]) -> None:
-        self._notify = notify
+        self.has_heard = False  # anything at all
+        self.notify = notify
         self._reported: set[str] = set()
+        self._samples: deque[tuple[str, bytes]] = deque(maxlen=MAX_PENDING)
+        self._have_come = Event()
+
+    def put(self, sample: "zenoh.Sample") -> None:
+        """Take one; called by zenoh."""
+        payload = sample.payload.to_bytes()[: LONGEST_PAYLOAD + 1]  # more is refused at any rate
+        self._samples.append((str(sample.key_expr), payload))
+        self._have_come.set()
+
+    def records(self, timeout_s: float) -> Iterator[tuple[str, Record]]:
+        """Vehicles' names and records that wait, after at most ``timeout_s`` for the first."""
+        self._have_come.wait(timeout_s)
+        self._have_come.clear()
+        for _ in range(len(self._samples)):
+            self.has_heard = True
+            if (received := self.record(*self._samples.popleft())) is not None:
+                yield received
 
     def record(self, key: str, payload: bytes) -> tuple[str, Record] | None:
         """The vehicle's name and its record, or None."""
@@ -34,7 +62,7 @@ class Reception:
         if fault not in self._reported:
             self._reported.add(fault)
             where = repr(printable(key, SHOWN))
-            self._notify(f"ignored: somebody publishes on {where}, but {fault}")
+            self.notify(f"ignored: somebody publishes on {where}, but {fault}")
         return None
 
 

@@ -16,11 +16,9 @@ from service.pipeline import Pipeline
 from tuning.online.retuner import RetunedEstimator
 from tuning.online.segment import Segment
 
-# Segments that wait for the thread; one that comes when it is full is left out.
-MOST_WAITING = 8
+MOST_WAITING = 8  # segments; one that comes when the queue is full is left out
 # Of a core, in the mean since the beginning; loading and the first searches come on top.
-MOST_SHARE = 0.03
-ALLOWANCE_S = 10.0
+MOST_SHARE, ALLOWANCE_S = 0.03, 10.0
 ENDING_S = 2.0
 
 
@@ -55,8 +53,7 @@ class Retuning(Closing):
 
     def _send(self, estimator: RetunedEstimator, segment: Segment) -> None:
         """Hand a segment over; called by the loop."""
-        vehicles = () if self.pipeline is None else self.pipeline.vehicles
-        for vehicle in vehicles:
+        for vehicle in () if self.pipeline is None else self.pipeline.vehicles:
             if vehicle.estimator is estimator:
                 with suppress(Full):
                     self._segments.put_nowait((vehicle.address, estimator, segment))

@@ -2,6 +2,7 @@
 
 from collections import namedtuple
 from contextlib import nullcontext
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import typer
@@ -9,7 +10,7 @@ import typer
 from estimator.errors import InputError
 from fuzzbee import options as opt
 from fuzzbee import outputs
-from fuzzbee.security import SecurityOptions, parse_system_ids
+from fuzzbee.security import INSECURE
 
 MAX_RATE_HZ = 1000.0
 
@@ -22,6 +23,7 @@ EPILOG = opt.examples(
 )
 
 _SOURCE = "sim:, sim:flight, udpin:H:P, udpout:H:P, tcp:H:P, tcpin:H:P, DEVICE:BAUD or a log file."
+_KEY = "Refuse frames not signed with the key (32 bytes, 64 hex digits) or phrase there."
 _PROFILE = (
     "paper, imu, adaptive or a TOML file. Default: imu, but for fuzzbee's own vehicle with the"
     " paper's signals: paper."
@@ -31,18 +33,12 @@ _SECOND = "Publish even if another service publishes the same vehicle."
 
 _OF_SINKS = {name: each for entry in outputs.SINKS for name, each in entry.options.items()}
 _OF_SINKS |= {"view": (str | None, outputs.VIEW), "rrd": (str | None, outputs.RRD)}
-_new: Any = namedtuple  # noqa: PYI024 - the names are those of a table
+_INFOS = [info for _, info in _OF_SINKS.values()]
+# A field for each option of the sinks, and two
+OutputOptions: Any = namedtuple("OutputOptions", _OF_SINKS, defaults=_INFOS)  # type: ignore[misc]  # noqa: PYI024
+OutputOptions.__annotations__ = {name: kind for name, (kind, _) in _OF_SINKS.items()}
 
 
-@opt.form
-class OutputOptions(_new("_Options", _OF_SINKS, defaults=[i for _, i in _OF_SINKS.values()])):  # type: ignore[misc]
-    """What was asked for: for each option of :data:`fuzzbee.outputs.SINKS` a field, and two."""
-
-    __slots__ = ()
-    __annotations__ = {name: kind for name, (kind, _) in _OF_SINKS.items()}
-
-
-@opt.form
 class RunOptions(NamedTuple):
     """The arguments and options of the verb; the help has them by panels."""
 
@@ -53,14 +49,18 @@ class RunOptions(NamedTuple):
     )
     speed: float = opt.source("Play a log X times as fast.", default=1.0, metavar="X")
     system_id: int | None = opt.source("Only this vehicle.", metavar="ID", min=1, max=255)
-    security: SecurityOptions = SecurityOptions()
+    allow_system_ids: str | None = opt.source(
+        "Refuse frames of all other systems: 1,2,10-19.", metavar="IDS"
+    )
+    signing_key_file: Path | None = opt.source(_KEY, metavar="FILE")
+    insecure_key_file: bool = opt.source(INSECURE, default=False)
     profile: str | None = opt.estimate(_PROFILE, metavar="NAME|FILE", words=opt.PROFILES)
     gain: float | None = opt.estimate("A fixed gain instead of the fuzzy one.", metavar="K")
     retune: bool = opt.RETUNE
     truth: bool = opt.estimate(_TRUTH, default=False)
     rate_hz: float = opt.publishing("Attitudes a second.", "--rate", default=100.0, metavar="HZ")
     no_zenoh: bool = opt.publishing("Publish nothing on Zenoh.", default=False)
-    outputs: OutputOptions = OutputOptions()
+    outputs: Any = OutputOptions()
     record: str | None = opt.recording(
         "Record what arrives: FILE.tlog, or a folder for a file an hour.", metavar="FILE|DIR"
     )
@@ -82,9 +82,8 @@ def run(options: RunOptions) -> int:
     opt.require_gain(options.gain)
     if options.outputs.send_as is not None and options.outputs.send_attitude is None:
         raise InputError(f"--as {options.outputs.send_as}: needs --send-attitude URL")
-    parse_system_ids(options.security.allow_system_ids)
     asked = (("--record", options.record), ("--rrd", options.outputs.rrd))
-    inputs = (options.source, options.profile, options.security.signing_key_file)
+    inputs = (options.source, options.profile, options.signing_key_file)
     outputs.require_own_files(asked, (*inputs, options.zenoh.config_file))
     with nullcontext() if options.no_zenoh else opt.opening(options.zenoh) as session:
         from fuzzbee.serve import serve

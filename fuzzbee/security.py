@@ -1,36 +1,24 @@
-"""Whose messages ``run`` accepts: the options, and the checks that they switch on."""
+"""Whose messages ``run`` accepts: the systems, and the key that signs their frames."""
 
 import os
 import stat
 from contextlib import ExitStack
 from pathlib import Path
 from select import select
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from estimator.errors import InputError
-from fuzzbee import options as opt
 from fuzzbee.notify import notify
 
 if TYPE_CHECKING:
     from drivers.mavlink.gate import Policy
+    from fuzzbee.run import RunOptions
 
 LONGEST_KEY_FILE = 4096  # bytes
 PIPE_S = 5.0  # for whoever writes the key into a pipe
 SHORT_PHRASE = 8  # characters; shorter ones are guessed
 
 INSECURE = "Take a key file that others may read."
-_KEY = "Refuse frames not signed with the key (32 bytes, 64 hex digits) or phrase there."
-
-
-@opt.form
-class SecurityOptions(NamedTuple):
-    """What was asked for. The key stays in its file until it is needed."""
-
-    allow_system_ids: str | None = opt.source(
-        "Refuse frames of all other systems: 1,2,10-19.", metavar="IDS"
-    )
-    signing_key_file: Path | None = opt.source(_KEY, metavar="FILE")
-    insecure_key_file: bool = opt.source(INSECURE, default=False)
 
 
 def parse_system_ids(text: str | None) -> frozenset[int] | None:
@@ -63,18 +51,19 @@ def key_of(path: Path | None, *, is_insecure: bool) -> bytes | None:
     return signing_key(content)
 
 
-def open_policy(options: SecurityOptions, key: bytes | None, stack: ExitStack) -> "Policy":
+def open_policy(options: "RunOptions", stack: ExitStack) -> "Policy":
     """The policy for frames: which systems are let in, and whether frames must be signed."""
     from drivers.mavlink.gate import Policy
 
-    system_ids = parse_system_ids(options.allow_system_ids)
+    allowed = parse_system_ids(options.allow_system_ids)
+    key = key_of(options.signing_key_file, is_insecure=options.insecure_key_file)
     if key is None:
-        return Policy(system_ids)
+        return Policy(allowed)
     from drivers.mavlink.signing import SigningCheck, state_path
 
     check = SigningCheck(key, state_path())
     stack.callback(check.close)
-    return Policy(system_ids, check)
+    return Policy(allowed, check)
 
 
 def _content(path: Path, *, is_insecure: bool) -> bytes:

@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
@@ -53,28 +54,27 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     fitting = PROFILES[endpoint.path or SIM_MOTION] if endpoint.kind == "sim" else DEFAULT_PROFILE
     profile_name = options.profile or fitting
     profile = load_profile(profile_name)
-    asked = options.security
-    key = security.key_of(asked.signing_key_file, is_insecure=asked.insecure_key_file)
     _require_fitting(options, endpoint)
-    outputs.viewer_options(options.outputs.view, options.outputs.rrd)
+    outputs.wants_viewer(options.outputs.view, options.outputs.rrd)
     requests = ParameterRequests()
     problems: list[Exception] = []  # which end the run
     with ExitStack() as stack:
         # first, and once: what comes meanwhile is recorded
-        source, recorder = _open_source(endpoint, options, key, stack)
-        session = None if opening is None else opt.opened(opening)
+        source, recorder = _open_source(endpoint, options, stack)
+        session = None if opening is None else opening.session()
         pipeline = _pipeline(profile, options, requests, stack)
         if options.truth or endpoint.kind == "sim":
             pipeline.scores = {}
-        sinks = _open_sinks(options, session, pipeline, requests, problems)
+        outbox = stack.enter_context(Outbox())
+        for sink in _sinks(options, session, pipeline, requests, problems):
+            outbox.add(sink)
         if recorder is not None and options.retune:
-            sinks.append(RecordingSink(recorder))
-        outbox = stack.enter_context(Outbox(sinks))
+            outbox.add(RecordingSink(recorder))
         # in a thread: the compiler's callbacks swallow what a signal raises in them
         run_in_thread(load_kernels, "kernels").result()
         source.follow(pipeline.imu_in_use)
         runner = Runner(source, pipeline, outbox, rate_hz=options.rate_hz, requests=requests)
-        runner.recording = partial(recording_word, [recorder, *sinks])
+        runner.recording = partial(recording_word, [recorder, *outbox.sinks])
         seconds = _loop(runner, options.seconds, problems)
     result = summary(options, profile_name, seconds, runner, pipeline)
     if isinstance(source, SimSource) and source.waited_s >= LONG_WAIT_S and not options.as_json:
@@ -109,7 +109,8 @@ def _require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
     if options.speed != 1.0 and endpoint.kind != "log":
         raise InputError(f"--speed is for logs, {endpoint} comes at its own pace")
     asked = opt.asked_for(options, "record", "request_rate_hz")
-    for option in (*asked, *opt.asked_for(options.security)):
+    secured = ("allow_system_ids", "signing_key_file", "insecure_key_file")
+    for option in (*asked, *opt.asked_for(options, *secured)):
         if endpoint.kind == "log":
             raise InputError(f"{option} is for a live vehicle, {endpoint} is a log")
         if endpoint.kind == "sim" and option in asked:
@@ -120,7 +121,7 @@ def _require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
 
 
 def _open_source(
-    endpoint: Endpoint, options: RunOptions, key: bytes | None, stack: ExitStack
+    endpoint: Endpoint, options: RunOptions, stack: ExitStack
 ) -> tuple["MavlinkLink | Player", Recorder | None]:
     """Open a link, ``sim:`` or a log that is played; and a link's recorder, if asked for."""
     if endpoint.kind == "log":
@@ -128,36 +129,33 @@ def _open_source(
 
         log = stack.enter_context(open_log(Path(endpoint.path)))
         return Player(imu_events(log), options.speed, follow=log.follow), None
-    policy = security.open_policy(options.security, key, stack)
+    policy = security.open_policy(options, stack)
     if options.outputs.send_as is not None:
         policy = policy._replace(own=outputs.parse_address_of(options.outputs.send_as))
     shows_others = options.truth or options.outputs.view or options.outputs.rrd
-    with ExitStack() as unless_opened:
-        recorder = None
-        if options.record is not None:
-            recorder = stack.enter_context(_recorder(options.record, unless_opened))
-        source = open_live(
-            endpoint,
-            recorder=recorder,
-            request_rate_hz=options.request_rate_hz,
-            policy=policy,
-            references=bool(shows_others),  # else they need not be decoded
-        )
-        stack.enter_context(source)
-        unless_opened.pop_all()
-    return source, recorder
-
-
-def _recorder(record: str, unless_opened: ExitStack) -> Recorder:
-    """Into a file; or into a folder, if there is one or the name has no suffix."""
-    target = Path(record)
+    target = Path(options.record or "")
     is_new = not target.exists()
-    in_folder = record.endswith("/") or target.is_dir() or (is_new and not target.suffix)
-    recorder = Recorder(target, in_folder=in_folder)
-    if is_new:
-        unless_opened.callback(_remove_empty, target)
-        unless_opened.callback(recorder.close)
-    return recorder
+    recorder = None
+    if options.record is not None:  # into a folder, if there is one or the name has no suffix
+        in_folder = (
+            options.record.endswith("/") or target.is_dir() or (is_new and not target.suffix)
+        )
+        recorder = stack.enter_context(Recorder(target, in_folder=in_folder))
+    source = open_live(
+        endpoint,
+        recorder=recorder,
+        request_rate_hz=options.request_rate_hz,
+        policy=policy,
+        references=bool(shows_others),  # else they need not be decoded
+    )
+    try:
+        stack.enter_context(source)
+    except BaseException:
+        if recorder is not None and is_new:
+            recorder.close()
+            _remove_empty(target)
+        raise
+    return source, recorder
 
 
 def _remove_empty(target: Path) -> None:
@@ -172,31 +170,28 @@ def _pipeline(
     profile: Profile, options: RunOptions, requests: ParameterRequests, stack: ExitStack
 ) -> ScoredPipeline:
     """The pipeline, whose estimators are watched by a thread that retunes if that is asked for."""
-    retuning = None
+    pipeline = ScoredPipeline(
+        profile,
+        system_id=options.system_id,
+        new_estimator=partial(Estimator, fixed_gain=options.gain),
+        fits_built_in=options.profile is None,
+        rate_hz=options.rate_hz,
+    )
     if options.retune:
         from fuzzbee.retuning import Retuning  # which loads what searches
 
         retuning = stack.enter_context(Retuning(requests, options.gain))
-    plain = partial(Estimator, fixed_gain=options.gain)
-    pipeline = ScoredPipeline(
-        profile,
-        system_id=options.system_id,
-        new_estimator=plain if retuning is None else retuning.estimator,
-        fits_built_in=options.profile is None,
-        rate_hz=options.rate_hz,
-    )
-    if retuning is not None:
-        retuning.pipeline = pipeline
+        retuning.pipeline, pipeline.new_estimator = pipeline, retuning.estimator
     return pipeline
 
 
-def _open_sinks(
+def _sinks(
     options: RunOptions,
     session: zenoh.Session | None,
     pipeline: ScoredPipeline,
     requests: ParameterRequests,
     problems: list[Exception],
-) -> list[Sink]:
+) -> Iterator[Sink]:
     """Open what was asked for, and a view last, which prints what the source reports.
 
     That another service publishes there is one of ``problems``.
@@ -209,19 +204,12 @@ def _open_sinks(
         text = f"another service publishes {key} already: stop it, give one of them another"
         problems.append(InputError(f"{text} --prefix, or publish beside it with --second"))
 
-    sinks: list[Sink] = []
-    prefix = options.zenoh.prefix
-    with ExitStack() as opened_so_far:
-        if session is not None:
-            sinks.append(ZenohSink(session, prefix, pipeline.profile, requests, on_conflict))
-            opened_so_far.callback(sinks[0].close)
-        for sink in outputs.open_outputs(options, session):
-            sinks.append(sink)
-            opened_so_far.callback(sink.close)
-        view = _open_view(options)
-        view.scores = pipeline.scores
-        opened_so_far.pop_all()
-    return [*sinks, view]
+    if session is not None:
+        yield ZenohSink(session, options.zenoh.prefix, pipeline.profile, requests, on_conflict)
+    yield from outputs.open_outputs(options, session)
+    view = _open_view(options)
+    view.scores = pipeline.scores
+    yield view
 
 
 def _open_view(options: RunOptions) -> TerminalView:

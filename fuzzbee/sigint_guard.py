@@ -11,8 +11,6 @@ import sys
 INTERRUPTED = 130
 ENDLESS = ("run", "sim", "watch")  # verbs for which a signal is the regular end
 
-_before = _signal.getsignal(_signal.SIGINT)
-
 
 def is_endless(arguments: list[str]) -> bool:
     """Whether a signal is the regular end of the verb."""
@@ -24,7 +22,7 @@ def _leave(_number: int, _frame: object) -> None:
 
 
 def _begin() -> None:
-    if _before is _signal.default_int_handler:
+    if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
         try:
             _signal.signal(_signal.SIGINT, _leave)
         except ValueError:  # not in the main thread: somebody else's program imports us
@@ -34,7 +32,7 @@ def _begin() -> None:
 def end() -> None:
     """From here on an interrupt is an exception again."""
     if _signal.getsignal(_signal.SIGINT) is _leave:
-        _signal.signal(_signal.SIGINT, _before)
+        _signal.signal(_signal.SIGINT, _signal.default_int_handler)
 
 
 _begin()

@@ -1,14 +1,12 @@
-"""``fuzzbee sim``: the simulated vehicle as a MAVLink process.
-
-Options that cannot be used raise ``InputError``, as everywhere.
-"""
+"""``fuzzbee sim``: the simulated vehicle as a MAVLink process."""
 
 import json
 import threading
 import time
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
@@ -37,15 +35,14 @@ _MOTION = (
     "the paper's, none or a level turn, on the paper's signals; a copter's flight;"
     " or its IMU turned by hand"
 )
+_ERRORS = "constant errors of the sensors, for calibrate; vehicle i has SEED + i - 1"
 # One paragraph for each form. The help text is wrapped anew, so columns would not stay aligned.
 _LINK_HELP = "\n\n".join(" ".join(row.split()) for row in endpoint_help(LINK_KINDS).splitlines())
-
 
 _notify = partial(notify, who="fuzzbee sim: ")
 link, vehicle = (partial(opt.option, rich_help_panel=panel) for panel in ("Link", "Vehicle"))
 
 
-@opt.form
 class SimOptions(NamedTuple):
     """The options of the verb; the help has them by panels."""
 
@@ -57,7 +54,7 @@ class SimOptions(NamedTuple):
     )
     insecure_key_file: bool = link(INSECURE, default=False)
     vehicles: int = vehicle("system ids 1 to N on one link", default=1, metavar="N")
-    rate: float = vehicle("samples a second", default=100.0, metavar="HZ")
+    rate_hz: float = vehicle("samples a second", "--rate", default=100.0, metavar="HZ")
     seconds: float | None = vehicle("end after N seconds instead of on Ctrl-C", metavar="N")
     motion: str = vehicle(_MOTION, default="paper", metavar="|".join(MOTIONS), words=MOTIONS)
     seed: int = vehicle("of the noise; vehicle i has seed + i - 1", default=0, metavar="N")
@@ -65,9 +62,7 @@ class SimOptions(NamedTuple):
     bias: float = vehicle("factor on the motion's bias", default=1.0, metavar="X")
     magnet: str | None = vehicle("a magnet passes between these times (s)", metavar="T0:T1")
     calm: bool = vehicle("a flight without its magnet and its silence", default=False)
-    imu_errors: int | None = vehicle(
-        "constant errors of the sensors, for calibrate; vehicle i has SEED + i - 1", metavar="SEED"
-    )
+    errors_seed: int | None = vehicle(_ERRORS, "--imu-errors", metavar="SEED")
     as_json: bool = opt.JSON
 
 
@@ -91,10 +86,9 @@ def sim(options: SimOptions) -> int:
         fleet = Fleet(_vehicle_options(options), vehicles)
         connection = Connection(endpoint, report=_notify)
         connection.open()
-        _notify(
-            f"{vehicles} vehicle{'s' * (vehicles > 1)} at {options.rate:g} Hz, {connection.address}"
-        )
-        errors = _imu_errors(options.imu_errors)
+        count = f"{vehicles} vehicle{'s' * (vehicles > 1)}"
+        _notify(f"{count} at {options.rate_hz:g} Hz, {connection.address}")
+        errors = {} if options.errors_seed is None else _imu_errors(options.errors_seed)
         for name, value in errors.items():
             _notify(f"{name}: {value}")
         begun_s = time.monotonic()
@@ -109,7 +103,6 @@ def sim(options: SimOptions) -> int:
 
 def _vehicle_options(options: SimOptions) -> "VehicleOptions":
     from drivers.simulation.autopilot import VehicleOptions
-    from drivers.simulation.simulated_vehicle import Motion
 
     magnet: tuple[float, float] | None = None
     if options.magnet is not None:
@@ -119,18 +112,10 @@ def _vehicle_options(options: SimOptions) -> "VehicleOptions":
         except ValueError as error:
             wrong = f"--magnet takes two times like 5:8 (s), not {options.magnet!r}"
             raise InputError(wrong) from error
-    return VehicleOptions(
-        seed=options.seed,
-        rate_hz=options.rate,
-        motion=cast("Motion", options.motion),
-        noise=options.noise,
-        bias=options.bias,
-        magnet=magnet,
-        drop=options.drop,
-        calm=options.calm,
-        signing_key=key_of(options.signing_key_file, is_insecure=options.insecure_key_file),
-        errors_seed=options.imu_errors,
-    )
+    key = key_of(options.signing_key_file, is_insecure=options.insecure_key_file)
+    names = {each.name for each in fields(VehicleOptions)}
+    same = {name: value for name, value in options._asdict().items() if name in names}
+    return VehicleOptions(**{**same, "magnet": magnet, "signing_key": key})
 
 
 def _print_json(
@@ -140,7 +125,7 @@ def _print_json(
     result = {
         "to": str(link.endpoint),
         "vehicles": options.vehicles,
-        "rate_hz": options.rate,
+        "rate_hz": options.rate_hz,
         "motion": options.motion,
         "seed": options.seed,
         "seconds": round(seconds, 3),
@@ -150,10 +135,8 @@ def _print_json(
     print(json.dumps(result | {"imu_errors": errors} if errors else result), flush=True)
 
 
-def _imu_errors(seed: int | None) -> dict[str, Any]:
+def _imu_errors(seed: int) -> dict[str, Any]:
     """The truth of ``--imu-errors`` of vehicle 1: the profile's [calibration] that undoes it."""
-    if seed is None:
-        return {}
     import numpy as np
 
     from drivers.simulation.simulated_vehicle import imu_errors

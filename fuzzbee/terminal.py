@@ -4,7 +4,9 @@ import os
 import re
 import select
 import sys
+import termios
 import time
+import tty
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -212,15 +214,12 @@ def terminal_keys() -> Iterator[Callable[[], list[str]]]:
     Ctrl-C stays what it is.
     """
     try:
-        import termios
-        import tty
-
         descriptor = sys.stdin.fileno()
-        # in its background we would be stopped
-        if not os.isatty(descriptor) or os.tcgetpgrp(descriptor) != os.getpgrp():
-            raise OSError  # noqa: TRY301
         before = termios.tcgetattr(descriptor)
-    except (OSError, ValueError, AttributeError, ImportError):
+        is_ours = os.tcgetpgrp(descriptor) == os.getpgrp()  # in the background we would be stopped
+    except (AttributeError, OSError, ValueError, termios.error):  # closed, or no terminal
+        is_ours = False
+    if not is_ours:
         yield list
         return
     try:

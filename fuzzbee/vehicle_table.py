@@ -33,7 +33,6 @@ COLOURS = {
 SIGMA_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.NONE: "red"}
 ARROWS = "↑↗→↘↓↙←↖"  # the heading, north up
 
-
 ID_WIDTH = 3  # with a component longer
 # Columns as wide as their values can be: nothing moves about. A window that is less wide than the
 # number before one leaves it out.

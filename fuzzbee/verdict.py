@@ -24,7 +24,6 @@ MUCH_REFUSED = 0.2  # of those that come
 MUCH_LOST = 5
 # A field that is none of the place is no evidence against the horizon, another's attitude little.
 HARMLESS = (Alarm.FIELD_IMPOSSIBLE, Alarm.AUTOPILOT_DIFFERS)
-SILENT = "the service is silent"
 CONTRADICTED = "unsure"  # in place of a sigma that a warning contradicts
 
 
@@ -115,7 +114,7 @@ def verdict_of(
 def row_verdict(row: Row) -> Judgement:
     """What to think of a row of the table; of one that its service has left, nothing."""
     if row.is_silent:
-        return _judged(Level.NONE, Level.NONE, [Caveat(Level.NONE, SILENT)])
+        return _judged(Level.NONE, Level.NONE, [Caveat(Level.NONE, "the service is silent")])
     return verdict_of(row.state, row.valid_attitude, row.status, row.before)
 
 

@@ -1,7 +1,6 @@
 """``fuzzbee watch``: subscribe and show attitudes."""
 
 import time
-from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from math import inf
@@ -16,9 +15,7 @@ from fuzzbee.notify import notify
 from fuzzbee.outputs import WEB
 
 if TYPE_CHECKING:
-    import zenoh
-
-    from fuzzbee.reception import Record
+    from fuzzbee.reception import Reception, Record
     from fuzzbee.terminal import TerminalView
 
 EPILOG = opt.examples(
@@ -30,16 +27,11 @@ EPILOG = opt.examples(
 
 HINT_AFTER_S = 3.0
 WAIT_S = 0.1
-# 2 s of 50 vehicles at 100 Hz. When it is full the oldest is dropped: the newest is worth most.
-MAX_PENDING = 10_000
-MOST_BYTES = 100_000
-
 NOBODY = ": is fuzzbee run started, with the same Zenoh options?"
 FAILED = 1
 _VEHICLE = "Only this vehicle (system id, or S-C): on a terminal an artificial horizon."
 
 
-@opt.form
 class WatchOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
@@ -75,35 +67,17 @@ def watch(options: WatchOptions) -> int:
     return follow(options)
 
 
-class Inbox:
-    """Samples between zenoh's thread and ours, bounded; the oldest go first."""
-
-    def __init__(self) -> None:
-        self._samples: deque[tuple[str, bytes]] = deque(maxlen=MAX_PENDING)
-        self._have_come = Event()
-
-    def put(self, sample: "zenoh.Sample") -> None:
-        """Take one; called by zenoh."""
-        if len(sample.payload) <= MOST_BYTES:  # anything longer is no record of ours
-            self._samples.append((str(sample.key_expr), sample.payload.to_bytes()))
-            self._have_come.set()
-
-    def drain(self, timeout_s: float) -> list[tuple[str, bytes]]:
-        """Keys and payloads that wait, after waiting at most ``timeout_s`` for the first."""
-        self._have_come.wait(timeout_s)
-        self._have_come.clear()
-        return [self._samples.popleft() for _ in range(len(self._samples))]
-
-
 def follow(options: WatchOptions) -> int:
     """Show what comes until stopped; 1 if a bounded watch got less than was asked for."""
+    from fuzzbee.reception import Reception
     from fuzzbee.terminal import PersonConsole, TerminalView, terminal_keys
     from service.signals import stop_on_signals
 
-    inbox, stop, view = Inbox(), Event(), None
+    stop, view = Event(), None
+    keys: Callable[[], list[str]] = list
     prefix, name = options.zenoh.prefix, options.vehicle or "*"
     with ExitStack() as stack:
-        session = opt.opened(stack.enter_context(opt.opening(options.zenoh)))
+        session = stack.enter_context(opt.opening(options.zenoh)).session()
         stack.enter_context(stop_on_signals(stop.set))
         if not options.as_json:
             title = f"fuzzbee watch {prefix}/*"
@@ -114,10 +88,11 @@ def follow(options: WatchOptions) -> int:
 
                 stack.enter_context(closing(open_page(options.web, title, view.model)))
             name = "*" if view.is_live else name  # a person may go back from one vehicle to all
-            session.declare_subscriber(f"{prefix}/{name}/status", inbox.put)
-        session.declare_subscriber(f"{prefix}/{name}/attitude", inbox.put)
-        keys = list if view is None else stack.enter_context(terminal_keys())
-        seen = _loop(inbox, stop, view, options, keys)
+            keys = stack.enter_context(terminal_keys())
+        reception = Reception(notify if view is None else view.notify)
+        for kind in ("attitude",) if view is None else ("status", "attitude"):
+            session.declare_subscriber(f"{prefix}/{name}/{kind}", reception.put)
+        seen = _loop(reception, stop, view, options, keys)
     if (view is not None and view.is_closed) or stop.is_set() or seen >= (options.most or 1):
         return 0
     found = f"{seen} attitudes" if seen else "no attitude"
@@ -126,48 +101,40 @@ def follow(options: WatchOptions) -> int:
 
 
 def _loop(
-    inbox: Inbox,
+    reception: "Reception",
     stop: Event,
     view: "TerminalView | None",
     options: WatchOptions,
     keys: Callable[[], list[str]],
 ) -> int:
     """Show what comes until the end; returns the number of attitudes."""
-    from fuzzbee.reception import Reception
-
-    report = notify if view is None else view.notify
-    reception = Reception(report)
-    started_s, seen, has_heard = time.monotonic(), 0, False
+    started_s, seen, most, has_hinted = time.monotonic(), 0, options.most or inf, False
     while not stop.is_set():
-        for key, payload in inbox.drain(WAIT_S):
-            has_heard = True
-            if seen < (options.most or inf):
-                seen += show(reception.record(key, payload), view, options.vehicle)
+        for name, record in reception.records(WAIT_S):
+            if seen < most:
+                seen += show(name, record, view, options.vehicle)
         if view is not None:
             view.press(keys())
             view.refresh()
-        now_s = time.monotonic()
-        is_over = seen >= (options.most or inf) or now_s - started_s >= (options.seconds or inf)
+        lasted_s = time.monotonic() - started_s
+        is_over = seen >= most or lasted_s >= (options.seconds or inf)
         if is_over or (view is not None and view.is_closed):
             break
-        if not has_heard and now_s >= started_s + HINT_AFTER_S:
-            has_heard = True
-            report(f"nothing on {_key(options)} yet{NOBODY} (Ctrl-C ends)")
+        if not (reception.has_heard or has_hinted) and lasted_s >= HINT_AFTER_S:
+            has_hinted = True
+            reception.notify(f"nothing on {_key(options)} yet{NOBODY} (Ctrl-C ends)")
     return seen
 
 
 def show(
-    received: "tuple[str, Record] | None", view: "TerminalView | None", vehicle: str | None = None
+    name: str, record: "Record", view: "TerminalView | None", vehicle: str | None = None
 ) -> bool:
-    """Show a record that was taken, without a view as a line of JSON; whether it counts.
+    """Show a vehicle's record, without a view as a line of JSON; whether it counts.
 
     Attitudes of the ``vehicle`` count, of all if it is None.
     """
     from service.records import AttitudeRecord
 
-    if received is None:
-        return False
-    name, record = received
     if view is None:
         import msgspec
 

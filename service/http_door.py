@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from math import inf, isinf
 from typing import Any, NamedTuple
 from urllib.parse import urlsplit
 
@@ -68,9 +69,8 @@ class HttpDoor(ThreadingHTTPServer):
         self.is_loopback = ipaddress.ip_address(address[0]).is_loopback
         self.closing = threading.Event()
         self.most = most_connections()
-        self.streams = threading.BoundedSemaphore(max(1, int(STREAM_PART * self.most)))
         self._lock = threading.Lock()
-        self._until_s: dict[socket.socket, float] = {}  # infinite for a stream
+        self._until_s: dict[socket.socket, float] = {}  # by open connection; infinite for a stream
         super().__init__(address, _Handler)
         self._served = run_in_thread(self.serve_forever, name)
 
@@ -97,10 +97,14 @@ class HttpDoor(ThreadingHTTPServer):
             self._until_s[request] = time.monotonic() + REQUEST_S
             return True
 
-    def without_deadline(self, request: socket.socket) -> None:
-        """A stream lasts; each of its writes has the handler's timeout."""
+    def begin_stream(self, request: socket.socket) -> bool:
+        """Whether there is room for a stream, which lasts: each write has the handler's timeout."""
         with self._lock:
-            self._until_s[request] = float("inf")
+            streams = sum(map(isinf, self._until_s.values()))
+            if streams >= max(1, int(STREAM_PART * self.most)):
+                return False
+            self._until_s[request] = inf
+            return True
 
     def service_actions(self) -> None:
         """End the requests that took too long; the server calls this twice a second."""
@@ -137,13 +141,15 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND)
         elif answer.events is None or self.command == "HEAD":
             self._send(answer)
-        elif self.server.streams.acquire(blocking=False):
-            try:
-                self._stream(answer, answer.events)
-            finally:
-                self.server.streams.release()
-        else:
+        elif not self.server.begin_stream(self.connection):
             self.send_error(HTTPStatus.SERVICE_UNAVAILABLE)
+        else:
+            self._send(answer)
+            with suppress(OSError):  # the client went away, or does not read
+                for event in answer.events:
+                    self.wfile.write(event)
+                    if self.server.closing.wait(answer.period_s):
+                        break
 
     do_HEAD = do_GET  # noqa: N815 - as it is named there; only the headers are sent
 
@@ -163,15 +169,6 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
         if self.command == "GET":
             self.wfile.write(answer.content)
-
-    def _stream(self, answer: Answer, events: Iterator[bytes]) -> None:
-        self._send(answer)
-        self.server.without_deadline(self.connection)
-        with suppress(OSError):  # the client went away, or does not read
-            for event in events:
-                self.wfile.write(event)
-                if self.server.closing.wait(answer.period_s):
-                    break
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - as it is named there
         """Requests are not logged."""

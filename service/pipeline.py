@@ -19,7 +19,7 @@ from estimator.reasons import Reason
 from service.lines import LineLimit, link_line
 from service.parameters import ProfileChanges
 from service.publishing import STATUS_PERIOD_US
-from service.records import Message, Output, Peer, Published, Replaced, State
+from service.records import Message, Output, Published, Replaced, State
 from service.vehicle import STANDARD_RATE_HZ, Vehicle
 from service.vehicle_status import Load, status_record
 
@@ -69,7 +69,7 @@ class Pipeline:
         self._rate_hz = rate_hz
         self.wake_us = 0.0  # when :meth:`tick` has something to do next, if nothing arrives
         self._system_id = system_id
-        self._new_estimator = new_estimator
+        self.new_estimator = new_estimator
         self._changes = ProfileChanges(profile, fits_built_in=fits_built_in)
         self._vehicles: dict[VehicleId, Vehicle] = {}
         self._links_up: set[str] = set()
@@ -160,7 +160,7 @@ class Pipeline:
         vehicle = self._vehicles.get(event.vehicle)
         if self.load.is_shedding or vehicle is None:
             return []
-        vehicle.peers[event.source] = event
+        vehicle.peers[event.source] = event.q_ned_frd
         return _messages(vehicle.on_reference(event))
 
     # --- time
@@ -209,9 +209,9 @@ class Pipeline:
         attitude = vehicle.attitude(now_us)
         if attitude is None:
             return []
-        peers = [Peer(each.vehicle, each.source, each.q_ned_frd) for each in vehicle.peers.values()]
+        peers, sample = tuple(vehicle.peers.items()), vehicle.imu.last_sample
         vehicle.peers.clear()
-        return [*peers, Published(vehicle.address, attitude, vehicle.imu.last_sample)]
+        return [Published(vehicle.address, attitude, sample, peers=peers)]
 
     def _status(self, vehicle: Vehicle, now_us: int) -> Published:
         status = status_record(vehicle, now_us, self.load, self.malformed)
@@ -247,7 +247,7 @@ class Pipeline:
         if not self._is_wanted(address) or len(self._vehicles) >= MAX_VEHICLES:
             return None
         kept = self._changes.kept.pop(address, None)
-        estimator = self._new_estimator(kept or self.profile)
+        estimator = self.new_estimator(kept or self.profile)
         number = len(self._vehicles) + self.evicted["vehicles"]
         vehicle = self._vehicles[address] = Vehicle(address, estimator, self._rate_hz, number)
         if kept is not None:

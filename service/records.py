@@ -7,7 +7,7 @@ those of what is shown of records that come from the network.
 
 from enum import StrEnum
 from math import log, radians, sqrt
-from typing import Annotated, Literal
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta
@@ -169,21 +169,15 @@ class StatusRecord(msgspec.Struct, frozen=True):
 class Published(Value, frozen=True):
     """A record and the vehicle it is about; with an attitude, the sample it comes from.
 
-    ``time_unix_us`` is when a status was made, which does not have it itself.
+    ``time_unix_us`` is when a status was made, which does not have it itself. ``peers`` are
+    somebody else's attitudes, by "autopilot" or "sim", for those who show them beside ours.
     """
 
     vehicle: VehicleId
     record: AttitudeRecord | StatusRecord
     sample: ImuSample | None = None
     time_unix_us: int = 0
-
-
-class Peer(Value, frozen=True):
-    """Somebody else's attitude of a vehicle, for those who show it beside ours."""
-
-    vehicle: VehicleId
-    source: Literal["autopilot", "sim"]
-    q_ned_frd: Quaternion
+    peers: tuple[tuple[str, Quaternion], ...] = ()
 
 
 class Replaced(Value, frozen=True):
@@ -206,7 +200,7 @@ class Message(Value, frozen=True):
     text: str
 
 
-Output = Published | Peer | Replaced | Evicted | Message
+Output = Published | Replaced | Evicted | Message
 
 
 def vehicle_name(vehicle: VehicleId) -> str:

@@ -6,7 +6,7 @@ from drivers import events
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.types import ImuSample, VelocitySample
+from estimator.types import ImuSample, Quaternion, VelocitySample
 from service.alarms import Alarms
 from service.evidence import OtherImus
 from service.lines import LineLimit
@@ -42,7 +42,7 @@ class Vehicle:
         self.last_arrival_us = 0  # the latest arrival of anything that is a vehicle's own
         self.silent_looks = 0  # of the pipeline since then
         self.rejected: Counter[Reason] = Counter()
-        self.peers: dict[str, events.ReferenceAttitude] = {}  # others', until ours is published
+        self.peers: dict[str, Quaternion] = {}  # others' attitudes, until ours is published
         self.built_in_motion: str | None = None  # of fuzzbee's own vehicle
         self.imu = ImuStream()
         self.others = OtherImus()

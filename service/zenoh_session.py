@@ -11,14 +11,14 @@ remain connect to it as soon as it is there.
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import zenoh
 
-from drivers.resources import run_in_thread
+from drivers.resources import Closing, run_in_thread
 from estimator.errors import InputError, file_text
 from service.signals import await_result
 
@@ -51,17 +51,18 @@ class ZenohOptions(NamedTuple):
     prefix: str = "fuzzbee"
 
 
-class OpeningSession:
+class OpeningSession(Closing):
     """A session that is opened while something else is done: it looks for others for half a second.
 
     In a thread of its own: while the library waits for a silent peer, it lets no signal through.
+    ``notify`` is given a line for a person if the session lacks something.
 
     Raises:
         InputError: a prefix, address or setting that cannot be used.
     """
 
-    def __init__(self, options: ZenohOptions) -> None:
-        self.note: str | None = None  # a line for a person, once it is open
+    def __init__(self, options: ZenohOptions, notify: Callable[[str], None] = print) -> None:
+        self._notify = notify
         self._where = ", ".join([*options.listen, *options.connect]) or DEFAULT_ENDPOINT
         self._options = options
         self._config = _config(options)
@@ -98,7 +99,7 @@ class OpeningSession:
         except zenoh.ZError as error:
             if "shm" not in str(error):
                 raise
-            self.note = f"zenoh: no shared memory, going on without: {_one_line(error)}"
+            self._notify(f"zenoh: no shared memory, going on without: {_one_line(error)}")
         settings = (*self._options.settings, "transport/shared_memory/enabled:false")
         return zenoh.open(_config(self._options._replace(settings=settings)))
 

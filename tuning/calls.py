@@ -22,7 +22,6 @@ from estimator.live.rows import (
 )
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.row_taking import put, take
 from estimator.types import ImuSample, Quaternion, RateSample, VelocitySample
 
 # A wrong start: 170 deg about NED (1,1,1)/sqrt 3, next to the unstable equilibrium, as the paper
@@ -94,14 +93,11 @@ class LoggedEstimator(Estimator):
 
 
 class Course(NamedTuple):
-    """What an estimator published at its N samples.
+    """What an estimator published at its N samples; sigmas of inclination and heading."""
 
-    ``q_ned_frd`` (N, 4); ``sigma_rad`` (N, 2) of inclination and heading; ``bias_rad_s`` (N, 3).
-    """
-
-    q_ned_frd: Floats
-    sigma_rad: Floats
-    bias_rad_s: Floats
+    q_ned_frd: Floats  # (N, 4)
+    sigma_rad: Floats  # (N, 2)
+    bias_rad_s: Floats  # (N, 3)
 
 
 def course_of(
@@ -122,12 +118,12 @@ def course_of(
         for call in calls.get(begin, ()):
             call(estimator)
         part = cut(rows, begin, end)
-        take(estimator, part, published[begin:end], reports_between(reports, begin, end))
+        estimator.take_all(part, published[begin:end], reports_between(reports, begin, end))
         if end - 1 in wrong_ned_frd:
             now = estimator.snapshot
             core = with_attitude(now.core, wrong_ned_frd[end - 1])
             estimator.snapshot = now._replace(core=core)
-            put(estimator, int(part.times_us[-1]), published[end - 1])
+            estimator.put(int(part.times_us[-1]), published[end - 1])
         begin = end
     return Course(published[:, Q], published[:, SIGMA], published[:, BIAS])
 

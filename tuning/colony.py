@@ -1,14 +1,11 @@
 """The artificial bee colony, whose candidates a search evaluates.
 
 The paper's Section III-A after D. Karaboga and B. Basturk, "On the performance of artificial bee
-colony (ABC) algorithm", Applied Soft Computing 8 (2008), with whole phases asked at once, so that
-they can be evaluated in parallel. A cycle has employed bees (one candidate a food source), then
-onlookers (N sources drawn with replacement, by fitness; one candidate a draw, whose answers are
-taken in the order of the draws), and at most one scout: the source that failed most often, if more
-than ``limit`` times, moves to a random position.
-
-Every random number comes from one generator, drawn when a phase is asked, in one order. The
-candidates therefore depend on the seed and on the costs alone, and not on who computes the costs.
+colony (ABC) algorithm", Applied Soft Computing 8 (2008). A cycle has employed bees (one candidate a
+food source), then onlookers (N sources drawn with replacement, by fitness; one candidate a draw),
+and at most one scout: the source that failed most often, if more than ``limit`` times, moves to a
+random position. A whole phase is asked at once, so that it can be evaluated in parallel. Its random
+numbers are drawn before, so that they do not depend on who computes the costs.
 """
 
 import numpy as np
@@ -35,8 +32,7 @@ class Colony:
     def fly(self) -> None:
         """Fly for the search's number of cycles; scouts come on top of the budget.
 
-        A better candidate replaces its source; a source that was not improved fails. The first
-        positions and a scout's are taken whatever their cost.
+        The first positions and a scout's are taken whatever their cost.
         """
         search, everyone = self._search, np.arange(len(self.costs))
         self.costs[:] = search.costs(self.positions)
@@ -55,6 +51,7 @@ class Colony:
             search.end_cycle(self.costs)
 
     def _take(self, visited: Ints, candidates: Floats, costs: Floats) -> None:
+        """A better candidate replaces its source; a source that was not improved fails."""
         for i, candidate, cost in zip(visited, candidates, costs, strict=True):
             if cost < self.costs[i]:
                 self.positions[i], self.costs[i], self.failures[i] = candidate, cost, 0

@@ -15,8 +15,7 @@ from scipy.optimize import least_squares
 from estimator.arrays import Bools, Floats, Ints
 from estimator.geometry.earth import PlaceField
 
-BLOCKS = 10  # stretches of time that are left out in turn
-MOST_SAMPLES = 1000
+BLOCKS, MOST_SAMPLES = 10, 1000  # stretches of time, which are left out in turn
 MODEL_GAUSS = 1.5e-3  # sigma of the model beside a place: its report says 138 nT, 0.2 deg of dip
 MOST_STEPS = 30  # of a solution; 10 are usual, without turns there is no end
 SURE = 3.0  # sigma
@@ -33,35 +32,29 @@ NO_IRON = np.concatenate([np.zeros(6), _I == _J])
 
 
 class CompassFit(NamedTuple):
-    """The iron found: m_true = matrix (m - offset); gauss, body axes.
+    """The iron found: m_true = matrix (m - offset - current I); gauss, body axes.
 
-    ``matrix`` is None where the turns do not show it. ``unseen`` names the sides of the vehicle
-    that the field has never come within 45 deg of. ``misfit_gauss`` is the median misfit
-    before and after.
+    What the turns do not show is None.
     """
 
     offset_gauss: Floats  # (3,)
     offset_covariance: Floats  # (3, 3)
-    current_gauss_a: Floats | None  # (3,) for each ampere; None where it shows nothing
+    current_gauss_a: Floats | None  # (3,)
     current_sigma_gauss_a: Floats | None  # (3,)
     matrix: Floats | None  # (3, 3)
     matrix_sigma: Floats | None  # (3, 3)
-    unseen: tuple[str, ...]
-    misfit_gauss: tuple[float, float]
+    unseen: tuple[str, ...]  # sides of the vehicle that the field never came within 45 deg of
+    misfit_gauss: tuple[float, float]  # the median, before and after
 
 
-class _Problem(NamedTuple):
-    """Readings (N, 3), the vertical in body axes (N, 3), and what the place has.
+class _Readings(NamedTuple):
+    """Readings of a flight, and the field of its place."""
 
-    Of the twelve numbers those that are ``free`` are sought, and the others stay.
-    """
-
-    mag: Floats
-    down: Floats
+    mag: Floats  # (N, 3)
+    down: Floats  # (N, 3), the vertical in body axes
     current: Floats  # (N, 1), a share of the largest
     field: PlaceField
     scale: float  # the usual misfit, gauss
-    free: Ints
 
     def misfit(self, p: Floats) -> Floats:
         """Of strength and vertical part, (2N,) gauss, as an error of the reading.
@@ -84,21 +77,21 @@ class _Problem(NamedTuple):
         own = p[HARD] + self.current * p[CURRENT]
         return np.asarray((self.mag - own) @ _matrix(p))  # S is symmetric
 
-    def part(self, chosen: Bools) -> "_Problem":
+    def part(self, chosen: Bools) -> "_Readings":
         """The samples chosen alone."""
         readings = {name: getattr(self, name)[chosen] for name in ("mag", "down", "current")}
         return self._replace(**readings)
 
-    def solved(self, start: Floats) -> tuple[Floats, Floats]:
-        """The numbers, and derivatives by those free times the roots of the weights."""
+    def solved(self, free: Ints, start: Floats) -> tuple[Floats, Floats]:
+        """The numbers, and derivatives by those ``free`` times the roots of the weights."""
 
         def whole(x: Floats) -> Floats:
             p = start.copy()
-            p[self.free] = x
+            p[free] = x
             return p
 
         robust = {"loss": "soft_l1", "f_scale": self.scale, "max_nfev": MOST_STEPS}
-        found = least_squares(lambda x: self.misfit(whole(x)), start[self.free], **robust)
+        found = least_squares(lambda x: self.misfit(whole(x)), start[free], **robust)
         return whole(found.x), found.jac
 
 
@@ -124,74 +117,62 @@ def fit_compass(
     largest_a = float(np.ptp(current))
     has_current = largest_a > LEAST_CURRENT_A
     current = current / largest_a if has_current else np.zeros_like(current)
-    problem = _Problem(mag_gauss[near], down[near], current, field, field.strength_gauss, HARD)
+    readings = _Readings(mag_gauss[near], down[near], current, field, field.strength_gauss)
     p = NO_IRON
     for _ in range(2):  # the usual misfit is known after a first time
-        p, _ = problem.solved(p)
-        problem = problem._replace(scale=max(NORMAL * problem.usual_misfit(p), 1e-6))
-    found = _solution(problem, p)
+        p, _ = readings.solved(HARD, p)
+        readings = readings._replace(scale=max(NORMAL * readings.usual_misfit(p), 1e-6))
+    found = _solution(readings, HARD, p)
     if found.is_vague:
         return None
-    if has_current:
-        found = _better(found, CURRENT)
-    return _fit_of(_better(found, SOFT), largest_a)
+    for more in (CURRENT, SOFT) if has_current else (SOFT,):
+        rich = _solution(readings, np.concatenate([found.free, more]), found.p)
+        gains = found.losses - rich.losses
+        is_better = gains.mean() > gains.std(ddof=1) / np.sqrt(BLOCKS)  # by one standard error
+        found = rich if is_better and not rich.is_vague else found
+    return _fit_of(readings, found, largest_a)
 
 
 class _Solution(NamedTuple):
     """The numbers found, the covariance of those free, and the loss on each block by all others."""
 
-    problem: _Problem
+    free: Ints
     p: Floats
     covariance: Floats
     losses: Floats
-
-    @property
-    def is_vague(self) -> bool:
-        """Whether a heading by that offset may be off by 45 deg."""
-        field, worst = self.problem.field, np.linalg.eigvalsh(self.covariance[:3, :3])[-1]
-        return bool(SURE**2 * worst > (field.strength_gauss * np.cos(field.dip_rad)) ** 2)
+    is_vague: bool  # a heading by that offset may be off by 45 deg
 
 
-def _solution(problem: _Problem, start: Floats) -> _Solution:
+def _solution(readings: _Readings, free: Ints, start: Floats) -> _Solution:
     """The solution with the jackknife's covariance, as samples near in time err alike.
 
     What the turns do not show at all is added: for that a stretch of time counts as one reading,
     no better than the model is, and before the flight an offset is supposed within the field's
     strength, S within one of identity.
     """
-    n, scale, free = len(problem.mag), problem.scale, problem.free
-    block, (p, slope) = np.arange(n) * BLOCKS // n, problem.solved(start)
-    others = np.array([problem.part(block != k).solved(p)[0] for k in range(BLOCKS)])
-    left = [problem.part(block == k).misfit(other) for k, other in enumerate(others)]
+    n, scale, field = len(readings.mag), readings.scale, readings.field
+    block, (p, slope) = np.arange(n) * BLOCKS // n, readings.solved(free, start)
+    others = np.array([readings.part(block != k).solved(free, p)[0] for k in range(BLOCKS)])
+    left = [readings.part(block == k).misfit(other) for k, other in enumerate(others)]
     losses = np.array([np.sqrt(1.0 + (each / scale) ** 2).mean() for each in left])
     apart = others.take(free, axis=1)
     apart -= apart.mean(0)
     jackknife = (BLOCKS - 1) / BLOCKS * apart.T @ apart
-    supposed = np.where(np.isin(free, SOFT), 1.0, problem.field.strength_gauss)
+    supposed = np.where(np.isin(free, SOFT), 1.0, field.strength_gauss)
     weight = BLOCKS / n / max(scale, MODEL_GAUSS) ** 2
     shown = weight * slope.T @ slope + np.diag(supposed**-2.0)
-    return _Solution(problem, p, jackknife + np.linalg.inv(shown), losses)
+    covariance = jackknife + np.linalg.inv(shown)
+    worst = np.linalg.eigvalsh(covariance[:3, :3])[-1]
+    is_vague = SURE**2 * worst > (field.strength_gauss * np.cos(field.dip_rad)) ** 2
+    return _Solution(free, p, covariance, losses, bool(is_vague))
 
 
-def _better(simple: _Solution, more: Ints) -> _Solution:
-    """The solution with more numbers, if they reduce the losses and leave the offset known.
-
-    Losses on blocks left out have to fall by more than one standard error of that.
-    """
-    problem = simple.problem
-    problem = problem._replace(free=np.concatenate([problem.free, more]))
-    rich = _solution(problem, simple.p)
-    gains = simple.losses - rich.losses
-    is_better = gains.mean() > gains.std(ddof=1) / np.sqrt(BLOCKS)
-    return rich if is_better and not rich.is_vague else simple
-
-
-def _fit_of(found: _Solution, largest_a: float) -> CompassFit:
-    problem, p, covariance, _ = found
-    has_current, has_matrix = (np.isin(part, problem.free).all() for part in (CURRENT, SOFT))
+def _fit_of(readings: _Readings, found: _Solution, largest_a: float) -> CompassFit:
+    free, p, covariance, *_ = found
+    has_current, has_matrix = (np.isin(part, free).all() for part in (CURRENT, SOFT))
     sigma = np.zeros(len(p))
-    sigma[problem.free] = np.sqrt(np.diag(covariance))
-    seen = problem.corrected(p)
+    sigma[free] = np.sqrt(np.diag(covariance))
+    seen = readings.corrected(p)
     unit = seen / np.maximum(np.linalg.norm(seen, axis=1), 1e-12)[:, None]
     nearest = np.concatenate([unit.max(0), -unit.min(0)])
     return CompassFit(
@@ -202,5 +183,5 @@ def _fit_of(found: _Solution, largest_a: float) -> CompassFit:
         _matrix(p) if has_matrix else None,
         _matrix(sigma) if has_matrix else None,
         tuple(side for side, cosine in zip(SIDES, nearest, strict=True) if cosine < NEAR),
-        (problem.usual_misfit(NO_IRON), problem.usual_misfit(p)),
+        (readings.usual_misfit(NO_IRON), readings.usual_misfit(p)),
     )

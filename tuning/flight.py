@@ -15,22 +15,19 @@ from estimator.arrays import Bools, Floats
 from estimator.calibration import PLAIN, Calibration
 from estimator.errors import InputError
 from estimator.estimator import Estimator
-from estimator.live.rows import NO_REPORT_ROWS, Rows, cut
+from estimator.live.rows import NO_REPORT_ROWS, SIGMA, Q, Rows, cut
 from estimator.profile import Profile
 from estimator.smoothing import Recorder, smooth_all
 from estimator.types import Quaternion
 from tuning.calls import NOTHING_WRONG, Calls, Course, course_of
 from tuning.space import sensor_axes
 
-LEAST_RATE_HZ = 1.0
 BETTER_LOG = "record a better log: fuzzbee run URL --request-rate 50 --record FILE"
-LEAST_DURATION_S = 60.0
+LEAST_RATE_HZ, LEAST_DURATION_S = 1.0, 60.0
 # A vehicle that never turns faster than this, for this long in all, does not show how a filter
 # copes with motion. At rest, engines running, the rates of recorded vehicles stay below 0.02 rad/s.
-MOTION_RAD_S = 0.05
-LEAST_MOTION_S = 10.0
-# A compass that sends less often than this is as good as none.
-LEAST_FIELD_RATE_HZ = 0.2
+MOTION_RAD_S, LEAST_MOTION_S = 0.05, 10.0
+LEAST_FIELD_RATE_HZ = 0.2  # a compass that sends less often is as good as none
 # A smoothed inclination, and a heading, count where their sigmas are below these, deg; a flight if
 # half of them do. Autopilots' own attitudes are hardly better.
 SURE_DEG = (2.0, 5.0)
@@ -39,13 +36,12 @@ SURE_DEG = (2.0, 5.0)
 class Flight(NamedTuple):
     """N samples of one vehicle, as its estimator was given them.
 
-    ``reports`` (M, REPORT_SIZE) are velocities and rates, ``calls[k]`` what else came before sample
-    k, if there was something. ``truth`` (N, 4) is the reference's ``q_ned_frd`` where ``known``;
-    ``reference`` is "sim", "autopilot", "smooth" or "none". ``headed`` marks where the base profile
-    gave a heading. ``truth_sigma_rad`` (N, 2) are the reference's own sigmas of inclination and
-    heading, if it has any. ``calibration`` is what the rows are calibrated by, ``begin_s`` when in
-    its log the flight begins, ``refused`` a line if much of the log was. Samples
-    ``first`` to ``last`` - 1 are scored.
+    ``truth`` (N, 4) is the reference's ``q_ned_frd`` where ``known``; ``reference`` is "sim",
+    "autopilot", "smooth" or "none". ``headed`` marks where the base profile gave a heading.
+    ``calls[k]`` came before sample k, behind them ``reports`` (M, REPORT_SIZE), velocities and
+    rates. ``truth_sigma_rad`` (N, 2) are the reference's own sigmas of inclination and heading, if
+    any. ``calibration`` has been applied to the rows. ``refused`` is a line if much of the log was.
+    Samples ``first`` to ``last`` - 1 are scored.
     """
 
     path: Path
@@ -60,7 +56,7 @@ class Flight(NamedTuple):
     reports: Floats = NO_REPORT_ROWS
     truth_sigma_rad: Floats | None = None
     calibration: Calibration = PLAIN
-    begin_s: float = 0.0
+    begin_s: float = 0.0  # in its log
     refused: str | None = None
     first: int = 0
     last: int | None = None
@@ -102,9 +98,7 @@ class Flight(NamedTuple):
 
 
 def fly(
-    flight: Flight,
-    profile: Profile,
-    wrong_ned_frd: Mapping[int, Quaternion] = NOTHING_WRONG,
+    flight: Flight, profile: Profile, wrong_ned_frd: Mapping[int, Quaternion] = NOTHING_WRONG
 ) -> Course:
     """The samples up to ``last`` by the whole estimator of ``profile``; see :func:`course_of`."""
     rows = cut(flight.rows, 0, flight.last)
@@ -119,8 +113,7 @@ def fly(
 def sure_flight(flight: Flight, profile: Profile, *, is_wanted: bool) -> Flight:
     """The flight with its attitude by the whole recording as reference if that is sure of itself.
 
-    It is made once, before the search, with the base profile: no number under search can draw it to
-    itself, and what is held out is judged by a reference that nothing was chosen on.
+    It is made with the base profile: no number under search can draw it to itself.
 
     Raises:
         InputError: it is not, and is wanted.
@@ -129,20 +122,20 @@ def sure_flight(flight: Flight, profile: Profile, *, is_wanted: bool) -> Flight:
     course_of(recorder, flight.rows, flight.calls, flight.reports)
     times_us, smoothed = smooth_all(recorder)
     at = np.searchsorted(times_us, flight.rows.times_us)
-    truth, sigma = smoothed.q_ned_frd[at], smoothed.sigma_rad[at]
+    truth, sigma = smoothed[at, Q], smoothed[at, SIGMA]
     sure = np.isfinite(truth).all(axis=1, keepdims=True) & (np.degrees(sigma) < SURE_DEG)
     known, headed = sure[:, 0], flight.headed & sure[:, 1]
-    half = len(truth) / 2
-    has_north = flight.has_field and flight.headed.sum() > half
-    shares = 50.0 * known.sum() / half, 50.0 * (known & headed).sum() / half
-    if shares[0] > 50.0 and (not has_north or shares[1] > 50.0):
+    has_north = flight.has_field and flight.headed.mean() > 0.5
+    shares = known.mean(), (known & headed).mean()
+    if shares[0] > 0.5 and (not has_north or shares[1] > 0.5):
         return flight._replace(
             reference="smooth", truth=truth, known=known, headed=headed, truth_sigma_rad=sigma
         )
     if is_wanted:
         raise InputError(
             f"{flight.name}: --reference smooth: the whole log knows inclination and heading to "
-            f"{SURE_DEG[0]:g} and {SURE_DEG[1]:g} deg in {shares[0]:.0f} and {shares[1]:.0f} % only"
+            f"{SURE_DEG[0]:g} and {SURE_DEG[1]:g} deg in {100.0 * shares[0]:.0f} and "
+            f"{100.0 * shares[1]:.0f} % only"
         )
     return flight
 

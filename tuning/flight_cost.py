@@ -16,22 +16,18 @@ from estimator.profile import Profile
 from tuning.flight import Flight, fly
 from tuning.prediction import heading_errors, predicted_vectors
 
-# Sigma is the angle that this share of the errors lies under.
-SHARE = 0.68
+SHARE = 0.68  # of the errors that lie under sigma
 # Beside the RMS. With normal errors a sigma three times too small costs 18 %, too large 65 %.
 SIGMA_WEIGHT = 2.0
-# No reference is better known than this, deg: less is not worth a search.
-FLOOR_DEG = 0.1
+FLOOR_DEG = 0.1  # no reference is better known
 # Coverage within these bounds is honest; beyond them it may be this much worse than before.
 HONEST = (0.6, 0.76)
 COVERAGE_SLACK = 0.02
-# Attitudes around a reference that is uncertain.
-AROUND = 8
+AROUND = 8  # attitudes around a reference that is uncertain
 # Of a normal error a share of 0.68 lies under so many standard deviations: of one component, and
 # of two together.
 ONE, TWO = 0.994, 1.510
-# Turns between two azimuths, so that any few of them are spread out.
-GOLDEN = 0.618034
+GOLDEN = 0.618034  # turns between two azimuths, so that any few of them are spread out
 
 
 class Figure(NamedTuple):
@@ -66,8 +62,7 @@ class FlightFigures(NamedTuple):
 
     def as_json(self) -> dict[str, dict[str, float | None] | None]:
         """Plain dictionaries."""
-        angles = self._asdict().items()
-        return {name: None if angle is None else angle._asdict() for name, angle in angles}
+        return {name: angle and angle._asdict() for name, angle in self._asdict().items()}
 
 
 def harm(before: Sequence[FlightFigures], after: Sequence[FlightFigures]) -> str | None:

@@ -14,7 +14,6 @@ from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, paper
 from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
-from estimator.types import IDENTITY
 
 SETTLED_ERROR = 0.01
 
@@ -34,7 +33,7 @@ class ExperimentResult(NamedTuple):
 
 def begun(settings: Settings) -> tuple[FilterParams, ReferenceParams, FilterState]:
     """What a run of the filter begins with: its first attitude is the settings'."""
-    return settings.filter, settings.reference, FilterState(settings.initial or IDENTITY)
+    return settings.filter, settings.reference, FilterState(settings.initial)
 
 
 def filtered(settings: Settings, signals: Recording) -> tuple[Floats, Floats]:
@@ -50,7 +49,7 @@ def paper_settings(profile: Profile, fixed_gain: float | None = None) -> Setting
         InputError: the profile conditions its vectors or has no R_hat(0), so it is not.
     """
     chosen = settings_of(profile, fixed_gain)
-    if chosen.conditioned or chosen.initial is None:
+    if chosen.conditioned or chosen.aligns:
         raise InputError(
             "the paper's experiment needs a profile of raw vectors with an initial attitude "
             "(conditioning.enabled = false, filter.initial_attitude), such as --profile paper"

@@ -17,8 +17,7 @@ from estimator.errors import InputError
 # For the parent, which ends its workers: a terminal sends them to all.
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 CONNECT_TIMEOUT_S = 10.0
-# Things are sent again this often before a cluster is given up.
-ATTEMPTS = 5
+ATTEMPTS = 5  # to send things before a cluster is given up
 _work: Callable[[Any], Any]  # of a process that has been started here
 
 
@@ -120,7 +119,7 @@ class Cluster(Closing):
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise InputError(f"--cluster {address}: no scheduler answers: {reason}") from None
         self._address, self._work = address, work
-        self._sent: Any = None
+        self._sent: Any = None  # the work on a worker, from whom the others fetch it
         self._wait_for_workers()
 
     def close(self) -> None:
@@ -140,7 +139,7 @@ class Cluster(Closing):
         for _ in range(ATTEMPTS):
             try:
                 if self._sent is None:
-                    self._sent = self._send()
+                    self._sent = self._scattered()
                 futures = [submit(operator.call, self._sent, x, pure=False) for x in things]
                 return list(self._client.gather(futures))
             except (FutureCancelledError, KilledWorker, OSError):
@@ -150,15 +149,10 @@ class Cluster(Closing):
                 raise InputError(f"--cluster {self._address}: on a worker: {error}") from None
         raise InputError(f"--cluster {self._address}: the workers keep failing")
 
-    def _send(self) -> Any:
-        """Send the work to a worker, from whom the others fetch it.
-
-        Raises:
-            OSError: it died meanwhile.
-        """
+    def _scattered(self) -> Any:
         try:
             return self._client.scatter(self._work, hash=False)
-        except KeyError as worker:  # whom Dask no longer knows
+        except KeyError as worker:  # Dask no longer knows it
             raise ConnectionError(f"{worker} is gone") from None
 
     def _wait_for_workers(self) -> None:

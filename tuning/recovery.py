@@ -1,11 +1,9 @@
 """The paper's cost on a flight: how an estimate that is suddenly wrong comes back.
 
-Every 14 s the filter is given the true attitude turned by 170 deg about NED (1,1,1)/sqrt 3, next
-to the unstable equilibrium; the conditioning stage and the aiding go on.
-
-The paper's J weighs the errors of the first second with 0.3 and those from 4 to 14 s with 1, at
-100 Hz. On a log each sample stands for the time since the one before, so the weights of a recovery
-sum to what the paper's sum to, and costs compare from one rate to another.
+Every 14 s the filter is given the true attitude turned by 170 deg; the conditioning stage and the
+aiding go on. The paper's J weighs the errors of the first second with 0.3 and those from 4 to 14 s
+with 1, at 100 Hz. On a log each sample stands for the time since the one before, so that costs
+compare from one rate to another.
 """
 
 from itertools import pairwise
@@ -31,10 +29,8 @@ PARTS = (
 # The conditioning stage learns bias and field for so long before it is judged.
 SETTLE_S = 10.0
 # A recovery holds no silence longer than this, or than so many sample periods if that is more.
-LONGEST_GAP_S = 1.0
-LONGEST_GAP_PERIODS = 4.0
-# So much of both parts of the cost needs a reference.
-LEAST_KNOWN = 0.9
+LONGEST_GAP_S, LONGEST_GAP_PERIODS = 1.0, 4.0
+LEAST_KNOWN = 0.9  # share of both parts of the cost that needs a reference
 
 
 class Recovery(NamedTuple):
@@ -102,10 +98,7 @@ def recoveries(flight: Flight) -> list[Recovery]:
 
 
 def _weights(flight: Flight, first: int, last: int) -> Floats | None:
-    """Weight of each sample from first to last.
-
-    None unless the start, and nearly all samples of both parts of the cost, have a reference.
-    """
+    """Weight of each sample from first to last; None if too many have no reference."""
     t = flight.time_s[first : last + 1] - flight.time_s[first]
     known = flight.known[first : last + 1]
     if last - first < RECOVERY_S * min(flight.rate_hz, 1.0) / 2.0 or not known[0]:

@@ -3,12 +3,11 @@
 An algorithm calls :meth:`Search.costs`, as often as it likes, and never sees who computes. What it
 asks depends on its seed and on the costs only. So the record of the costs is the whole state of a
 search: fed the recorded costs again, the algorithm asks the same questions, and goes on where it
-was. That makes one checkpoint serve every algorithm, including those of other libraries whose state
-cannot be saved.
+was. That makes one checkpoint serve every algorithm, those of other libraries, too.
 """
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,8 +26,8 @@ SCHEMA = 3  # of a checkpoint
 class SearchOptions(NamedTuple):
     """What determines the questions a search asks, besides the costs.
 
-    N = ``food_sources`` and ``cycles`` set the budget of every algorithm:
-    N (1 + 2 cycles) evaluations. Only the bee colony uses ``limit``.
+    ``food_sources`` and ``cycles`` set the budget of every algorithm; only the bee colony uses
+    ``limit``.
     """
 
     algorithm: str
@@ -71,9 +70,8 @@ class SearchEnd(Exception):  # noqa: N818 - an outcome, not an error
 class Search:
     """The evaluations of one run, with their record.
 
-    ``evaluate`` maps parameter values (C, D) to costs (C,). ``observe`` is
-    called after each new batch and returns whether to go on. ``earlier`` is the record of
-    an interrupted run, until all of it has been asked again.
+    ``evaluate`` maps parameter values (C, D) to costs (C,). ``observe`` is called after each batch
+    that is not in ``earlier``, the record of an interrupted run, and returns whether to go on.
     """
 
     space: Space
@@ -148,7 +146,7 @@ class Header(msgspec.Struct):
     """A checkpoint's first line, JSON; costs as little-endian doubles follow."""
 
     schema: int
-    identity: Mapping[str, Any]
+    identity: Any
     evaluations: int
     asked_sha256: str
 
@@ -158,8 +156,8 @@ def checkpoint_path(output: Path) -> Path:
     return Path(f"{output}.checkpoint")
 
 
-def write_checkpoint(path: Path, identity: Mapping[str, Any], record: Record) -> None:
-    """Save the record of the search that ``identity`` (plain JSON values) determines.
+def write_checkpoint(path: Path, identity: Any, record: Record) -> None:
+    """Save the record of the search that ``identity``, which JSON can hold, determines.
 
     Raises:
         InputError: the file cannot be written.
@@ -171,7 +169,7 @@ def write_checkpoint(path: Path, identity: Mapping[str, Any], record: Record) ->
         fresh.write_bytes(line + b"\n" + record.costs.astype("<f8").tobytes())
 
 
-def read_checkpoint(path: Path, identity: Mapping[str, Any]) -> Record:
+def read_checkpoint(path: Path, identity: Any) -> Record:
     """The record of the search that ``identity`` determines, as far as it came.
 
     Raises:
@@ -191,8 +189,7 @@ def read_checkpoint(path: Path, identity: Mapping[str, Any]) -> Record:
         raise InputError(f"{path}: not a checkpoint") from None
     if header.schema != SCHEMA or len(costs) != 8 * header.evaluations:
         raise InputError(f"{path}: damaged, or of another version")
-    plain = msgspec.json.decode(msgspec.json.encode(identity))
-    different = _differences(plain, header.identity)
+    different = _differences(msgspec.to_builtins(identity), header.identity)
     if different:
         raise InputError(f"--resume: {path} is of other options: {', '.join(different)}")
     return Record(np.frombuffer(costs, "<f8"), header.asked_sha256)

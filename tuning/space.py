@@ -3,22 +3,23 @@
 from math import cos, sin
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
-from msgspec.structs import replace
+import tomli_w
 
 from estimator.arrays import Floats
 from estimator.calibration import UNCHANGED, Mounting
 from estimator.errors import InputError
 from estimator.filter.memberships import CHAINS, LOWER, NAMES, UPPER
 from estimator.geometry.quaternion import rotate
-from estimator.profile import DEFAULTS, Profile, parse_profile, profile_to_json, profile_to_toml
+from estimator.profile import DEFAULTS, Profile, parse_profile, profile_to_json
 
 
 class Parameter(NamedTuple):
     """A number of a profile by ``section.key``, k1..k22 by their key, and its bounds.
 
-    Those of one ``chain`` ascend, as their bounds do. A logarithmic one (bounds above 0) is
-    searched by its logarithm, because a change by a factor means the same at any value.
+    Those of one ``chain`` ascend, as their bounds do. A logarithmic one is searched by its
+    logarithm, because a change by a factor means the same at any value.
     """
 
     name: str
@@ -42,15 +43,13 @@ COMPASS_TURN = "compass_turn_rad"  # a tuned number that stands in the calibrati
 SHIPPED_FACTOR = 5.0
 
 
-def _around_shipped(**keys: str) -> Space:
-    """Parameters by their keys in each section."""
-    found = []
-    for section, names in keys.items():
-        for key in names.split():
-            shipped = float(DEFAULTS[section][key])
-            bounds = shipped / SHIPPED_FACTOR, shipped * SHIPPED_FACTOR
-            found.append(Parameter(f"{section}.{key}", *bounds))
-    return tuple(found)
+def _around_shipped(section: str, keys: str) -> Space:
+    """Parameters of a section by their keys."""
+    shipped = [(key, float(DEFAULTS[section][key])) for key in keys.split()]
+    return tuple(
+        Parameter(f"{section}.{key}", value / SHIPPED_FACTOR, value * SHIPPED_FACTOR)
+        for key, value in shipped
+    )
 
 
 # k1..k22 within the paper's Eqs. (16) and (17), a <= b <= c in each triangle.
@@ -76,23 +75,26 @@ CONDITIONED_GROUPS: dict[str, Space] = {
     # What decides how fast the conditioning stage believes which sensor; the rest of it
     # describes vehicles and events, which one log does not show.
     "conditioning": _around_shipped(
-        conditioning="gravity_tau_s bias_initial_sigma_rad_s bias_rest_sigma_rad_s"
-        " bias_motion_sigma_rad_s heading_noise_rad2_s"
+        "conditioning",
+        "gravity_tau_s bias_initial_sigma_rad_s bias_rest_sigma_rad_s"
+        " bias_motion_sigma_rad_s heading_noise_rad2_s",
     ),
     # How noisy the vehicle's sensors and velocity reports are: few numbers that differ from vehicle
     # to vehicle, without a velocity and with one.
-    "noise": _around_shipped(
-        conditioning="gravity_tau_s heading_noise_rad2_s",
-        aiding="gyr_slow_noise_1_s acc_noise heading_noise filter_error_m_s receiver_error_m_s",
+    "noise": (
+        *_around_shipped("conditioning", "gravity_tau_s heading_noise_rad2_s"),
+        *_around_shipped("aiding", "gyr_slow_noise_1_s acc_noise heading_noise"),
+        *_around_shipped("aiding", "filter_error_m_s receiver_error_m_s"),
     ),
     "gain": (Parameter("filter.fixed_gain", 1.0, 200.0),),
     # What moves sigma alone: errors do not show it, coverage does.
-    "sigma": _around_shipped(aiding="colour least_scale scatter_share"),
+    "sigma": _around_shipped("aiding", "colour least_scale scatter_share"),
     # What a fit of the sensors' constants leaves open: how far the compass is turned about the
     # body's down, how late readings may be, and how far from its nose the vehicle moves.
     "calibration": (
         Parameter(f"calibration.{COMPASS_TURN}", -0.2, 0.2, is_logarithmic=False),
-        *_around_shipped(aiding="imu_lag_s", conditioning="field_lag_sigma_s"),
+        *_around_shipped("aiding", "imu_lag_s"),
+        *_around_shipped("conditioning", "field_lag_sigma_s"),
         Parameter("aiding.sideslip_rad", 0.02, 3.0),
     ),
 }
@@ -112,9 +114,6 @@ def space_of(groups: tuple[str, ...], known: dict[str, Space]) -> Space:
         if group in groups[:i]:
             raise InputError(f"--parameters {group}: given twice")
     return tuple(parameter for group in groups for parameter in known[group])
-
-
-# --- positions: the coordinates in which a search moves
 
 
 def encode(space: Space, values: Floats) -> Floats:
@@ -146,12 +145,9 @@ def bounds(space: Space) -> tuple[Floats, Floats]:
 def make_feasible(space: Space, positions: Floats) -> Floats:
     """The feasible positions that any positions (N, D) stand for.
 
-    Each coordinate is clipped to its bounds, then each chain is sorted. As a chain's lower bounds
-    ascend, and its upper bounds too, sorting cannot leave them: the i-th smallest of some values is
-    at least the i-th smallest of their lower bounds. A feasible position stays as it is, every
-    feasible position can be reached, and a corner pushed past its neighbour takes the neighbour's
-    place. Moving the corner onto its neighbour instead would pile the search up on vertical edges;
-    rejecting it would waste evaluations where the space is narrow.
+    Each coordinate is clipped to its bounds, then each chain is sorted, which keeps to the bounds
+    as these ascend. Moving a corner onto the neighbour that it was pushed past would pile the
+    search up on vertical edges; rejecting it would waste evaluations where the space is narrow.
     """
     out = np.clip(positions, *bounds(space))
     for chain in {each.chain for each in space} - {None}:
@@ -165,9 +161,6 @@ def random_positions(space: Space, count: int, generator: np.random.Generator) -
     lower, upper = bounds(space)
     drawn = lower + (upper - lower) * generator.random((count, len(space)))
     return make_feasible(space, drawn)
-
-
-# --- profiles
 
 
 def values_of(space: Space, profile: Profile) -> Floats:
@@ -184,22 +177,17 @@ def profile_with(space: Space, base: Profile, values: Floats) -> Profile:
     Raises:
         InputError: the result is no valid profile.
     """
-    changes: dict[str, dict[str, float]] = {}
+    tree = msgspec.to_builtins(base)
     for parameter, value in zip(space, values.tolist(), strict=True):
         section, key = parameter.address
-        changes.setdefault(section, {})[key] = value
-    turn_rad = changes.pop("calibration", {}).get(COMPASS_TURN, 0.0)
+        tree[section][key] = value
+    turn_rad = tree["calibration"].pop(COMPASS_TURN, 0.0)
     if turn_rad != 0.0:  # the compass's readings about the body's down
         R, (c, s) = sensor_axes(base.mounting), (cos(turn_rad), sin(turn_rad))
         turn = R.T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
         matrix = (turn @ np.array(base.calibration.mag_matrix)).round(6).tolist()
-        turned = replace(base.calibration, mag_matrix=tuple(map(tuple, matrix)))
-        base = replace(base, calibration=turned)
-    sections: dict[str, Any] = {}
-    for name, keys in changes.items():
-        old = getattr(base, name)
-        sections[name] = {**old, **keys} if isinstance(old, dict) else replace(old, **keys)
-    return parse_profile(profile_to_toml(replace(base, **sections)), "tuned")
+        tree["calibration"]["mag_matrix"] = matrix
+    return parse_profile(tomli_w.dumps(tree), "tuned")
 
 
 def sensor_axes(mounting: Mounting) -> Floats:

@@ -53,11 +53,6 @@ PAPER_GOAL = Goal(lambda profile, seed: run_experiment(profile, seed).cost)
 class Task:
     """Groups of parameters of a base profile, flights to search on, and those held out.
 
-    The whole estimator flies, aiding included, on what it got in flight. The reference is the truth
-    of a simulation, else the attitude that the whole log shows if that is sure, else the
-    autopilot's. A log with none is tuned on how well its own vectors are predicted. The search
-    begins with ``base``; its result is judged beside ``judged_by``, if that is another.
-
     Raises:
         InputError: the base has no fuzzy gain whose memberships could be tuned; unknown groups.
     """
@@ -67,7 +62,6 @@ class Task:
     searched: tuple[Any, ...]
     held_out: tuple[Any, ...]
     goal: str = "flight"
-    judged_by: Profile | None = None
 
     known_groups: ClassVar[dict[str, Space]] = CONDITIONED_GROUPS
     batch: ClassVar[int] = 1  # candidates that one process best takes at a time
@@ -76,11 +70,6 @@ class Task:
         gain = self.base.filter.gain
         if self.space and self.tunes_memberships and gain != "fuzzy":  # the groups first
             raise InputError(f"base profile: filter.gain is '{gain}'; only 'fuzzy' is tuned")
-
-    @property
-    def before(self) -> Profile:
-        """What the result is compared with."""
-        return self.judged_by or self.base
 
     @property
     def measured(self) -> Goal:
@@ -102,7 +91,7 @@ class Task:
         return self.measured.combine([self.measured.cost(profile, each) for each in on])
 
     def costs(self, values: Floats) -> Floats:
-        """Costs (C,) of parameter values (C, D), each with the same bits beside any others."""
+        """Costs (C,) of parameter values (C, D), the same bits in any batch."""
         profiles = (profile_with(self.space, self.base, row) for row in values)
         return np.array([self.cost(profile, self.searched) for profile in profiles])
 
@@ -144,7 +133,7 @@ class PaperTask(Task):
         candidates = np.tile(untuned, (len(values), 1))
         candidates[:, [PAPER_NUMBERS.index(parameter.name) for parameter in self.space]] = values
         found = costs(params, reference, start, candidates, paper_signals(self.searched))
-        # summed in their order: the same bits for any batch
+        # summed in their order, whatever the batch
         return np.asarray(np.cumsum(found, axis=1)[:, -1] / found.shape[1])
 
 
@@ -175,7 +164,5 @@ def split(
         cut = round((1.0 - LATER_PART) * len(flights[0].truth))
         return (flights[0]._replace(last=cut),), (flights[0]._replace(first=cut),)
     chosen = held_out or {f.sha256 for f in flights[HELD_OUT]}
-    return (
-        tuple(flight for flight in flights if flight.sha256 not in chosen),
-        tuple(flight for flight in flights if flight.sha256 in chosen),
-    )
+    searched = tuple(flight for flight in flights if flight.sha256 not in chosen)
+    return searched, tuple(flight for flight in flights if flight.sha256 in chosen)

@@ -29,8 +29,7 @@ UNCHANGED = 1e-18  # mean square change, in any unit, of a vector that stands st
 FLAT = 1e-9  # of the normal matrix: turns about one axis alone leave the iron along it open
 LEAST_TURNS = 1e-200  # rad^2, beside them: there is an inverse without any turn
 
-# Fewest readings that show which way a compass is turned.
-LEAST_READINGS = 50
+LEAST_READINGS = 50  # that show which way a compass is turned
 # A right angle moves the field's horizontal part by more than this share of its strength where the
 # vehicle turns; less shows nothing, and is iron.
 LEAST_MISFIT = 0.15
@@ -44,11 +43,6 @@ TURNS: Floats = np.array(
     ]
 )
 RIGHT_ANGLED: Floats = TURNS[np.linalg.det(TURNS) > 0.0]  # the first turns nothing
-# Columns of spans, from each mean to the next: a is the gyroscope's angle, in its unit times
-# seconds, c the change of the vector v; then come the products of v's parts with a's, row by row.
-ANGLE, CHANGE, PRODUCTS = slice(0, 3), slice(3, 6), slice(6, 15)
-# a x b is (a_x b_x, a_x b_y, ..., a_z b_z) times this.
-CROSS: Floats = np.cross(np.eye(3)[:, None], np.eye(3)).reshape(9, 3)
 
 
 @inlined
@@ -112,21 +106,23 @@ def _span(rows: Rows, numbers: Ints, is_field: bool) -> tuple[Vec3, Vec3, Vec3, 
 def spans_of(rows: Rows, is_field: bool) -> tuple[Floats, float]:
     """Pairs of means without a gap or a spike, none of a few; what the gyroscope leaves.
 
-    That is the RMS share of the vectors' change that it does not explain as given, 0 of none.
+    A pair's row (9,) is the gyroscope's angle a from one mean to the next, in its unit times
+    seconds, the change c of the vector, and the vector v between. What is left is the RMS share of
+    the change that the gyroscope does not explain as given, 0 of none.
     """
     vectors = rows.mag_gauss if is_field else rows.acc_m_s2
     known = np.flatnonzero(np.isfinite(vectors[:, 0]) & (rows.has_mag | (not is_field)))
     step_s = _usual_step_s(rows.times_us[known])
     n = max(1, round(SPAN_S / step_s)) if 0.0 < step_s <= SLOW_S else len(known) + 1
     begins = 2 * n * _spread(len(known) // (2 * n))
-    spans, sizes = np.zeros((len(begins), 15)), np.zeros(len(begins))
+    spans, sizes = np.zeros((len(begins), 9)), np.zeros(len(begins))
     whole, squares = np.zeros(len(begins), np.bool_), np.zeros((len(begins), 2))
     for m, begin in enumerate(begins):
         a, v, c, passed_s = _span(rows, known[begin : begin + 2 * n], is_field)
         sizes[m], is_reading = norm(a), square(a) + square(v) + square(c) < MOST**2
         whole[m] = is_reading and 0.0 < passed_s < 2.0 * n * step_s
         squares[m, 0], squares[m, 1] = square(add(c, cross(a, v))), square(c)
-        spans[m] = np.array(a + c + scale(v[0], a) + scale(v[1], a) + scale(v[2], a))
+        spans[m] = np.array(a + c + v)
     if whole.any():
         whole &= sizes <= SPIKE * np.sort(sizes[whole])[int(LARGER * (whole.sum() - 1))]
     whole &= whole.sum() >= FEWEST_SPANS
@@ -139,27 +135,20 @@ def squares_left(spans: Floats, turns: Floats, *, has_offset: bool) -> Floats:
 
     The share of the squares with its angles a times s is (1, s) F (1, s)^T: of |c + s a x v|^2, and
     with an offset of the least |c + s a x v + a x b|^2, b being hard iron, which stands still in
-    the body; 0 of a vector that does not change. All that the turns need are the means of products
-    of a, c and v a^T.
+    the body; 0 of a vector that does not change.
     """
-    means, flat = spans.T @ spans / max(1, len(spans)), turns.reshape(-1, 9)
-    aa, ca, cc = means[ANGLE, ANGLE], means[CHANGE, ANGLE], means[CHANGE, CHANGE]
-    a_va, c_va = means[ANGLE, PRODUCTS], means[CHANGE, PRODUCTS]
-    va_va = means[PRODUCTS, PRODUCTS]
-    left = np.empty((len(turns), 2, 2))
-    left[:, 0, 0] = cc.trace()
-    left[:, 0, 1] = left[:, 1, 0] = flat @ -(CROSS.T @ c_va.reshape(9, 3)).ravel()
-    left[:, 1, 1] = va_va.trace() - (flat @ va_va * flat).sum(axis=1)
-    if has_offset:
-        # N b = -u - s w, with N = |a|^2 1 - a a^T, u = c x a and w = (a x v) x a
-        u_w = np.empty((len(turns), 2, 3))
-        u_w[:, 0] = (ca @ turns.swapaxes(1, 2)).reshape(-1, 9) @ CROSS
-        u_w[:, 1] = np.einsum("jij->i", a_va.reshape(3, 3, 3))
-        u_w = u_w @ turns
-        u_w[:, 1] -= flat @ a_va.T
-        N = (LEAST_TURNS + (1.0 + FLAT) * aa.trace()) * np.eye(3) - aa
-        left -= u_w @ np.linalg.inv(N) @ u_w.swapaxes(1, 2)
-    return np.asarray(left / cc.trace()) if cc.trace() > UNCHANGED else np.zeros_like(left)
+    a, c, v = spans[:, :3], spans[:, 3:6], spans[:, 6:]
+    if not np.square(c).sum() > UNCHANGED * len(spans):
+        return np.zeros((len(turns), 2, 2))
+    a = a @ turns.swapaxes(1, 2)
+    left = np.stack([np.broadcast_to(c, a.shape), np.cross(a, v)], axis=1)
+    squares = np.einsum("wimk,wjmk->wij", left, left)
+    if has_offset:  # N b = -sum of left x a
+        N = (LEAST_TURNS + (1.0 + FLAT) * np.square(spans[:, :3]).sum()) * np.eye(3)
+        N = N - a.swapaxes(1, 2) @ a
+        along = np.cross(left, a[:, None]).sum(axis=2)
+        squares -= along @ np.linalg.inv(N) @ along.swapaxes(1, 2)
+    return np.asarray(squares / np.square(c).sum())
 
 
 def roots(squares: Floats, *factors: float) -> Floats:

@@ -53,7 +53,7 @@ def fly(events: Iterable[Event], changes: dict[str, Any] | None = None) -> Flown
     replay = Replay(merge_profile(load_profile("imu"), changes or {}))
     replay.run(events)
     trace = max(replay.traces.values(), key=len)
-    compare(Path("events"), trace, "sim")
+    compare(trace, "sim")
     truth, errors = trace["reference_q_ned_frd"], trace["error_rad"]
     sigma = [trace[f"sigma_{angle}_rad"] for angle in ("inclination", "heading")]
     return Flown(

@@ -3,11 +3,10 @@
 import re
 import stat
 from collections.abc import Iterator
-from contextlib import closing
 from pathlib import Path
 
 from drivers.endpoint import FORMS, TABLES, is_bag_folder
-from drivers.events import BuiltIn, Event, Imu
+from drivers.events import Event, Imu
 from drivers.logs.bag import SUFFIXES as BAG_SUFFIXES
 from drivers.logs.bag import Bag
 from drivers.logs.csv_text import HEAD_SIZE, UTF_16, csv_text
@@ -23,7 +22,6 @@ DATAFLASH_FORMAT = re.compile(rb"\xa3\x95\x80")  # head of a FMT message, which 
 DATAFLASH_TEXT = re.compile(rb"^FMT, ?\d+, ?\d+, ?", re.MULTILINE)
 COMPRESSED = (b"\x1f\x8b", b"PK\x03\x04", b"7z\xbc\xaf", b"\xfd7zXZ", b"BZh", b"\x28\xb5\x2f\xfd")
 BAG_MAGIC = (b"\x89MCAP0\r\n", b"SQLite format 3\0", b"#ROSBAG V")
-BEGINNING_SAMPLES = 300
 
 
 def open_log(path: Path, columns: Path | None = None) -> LogFile:
@@ -76,22 +74,6 @@ def imu_events(log: LogFile) -> Iterator[Event]:
         yield event
     if not found:
         raise InputError(f"{log.path}: no usable IMU message in this log")
-
-
-def built_in_motion(log: LogFile) -> str | None:
-    """The motion in a log of fuzzbee's own vehicle; None of any other log.
-
-    It reports itself ten times a second, so the log's beginning shows.
-    """
-    samples = 0
-    with closing(iter(log)) as events:  # type: ignore[type-var]
-        for event in events:
-            if isinstance(event, BuiltIn):
-                return event.motion
-            samples += isinstance(event, Imu)
-            if samples >= BEGINNING_SAMPLES:
-                break
-    return None
 
 
 def _meant(name: str) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 import numba
+import numpy as np
 
 # Kernels are made for any CPU of the architecture, so that those of a clone, a wheel and an image
 # are the same; those of the host's own CPU are 3 % faster.
@@ -96,13 +97,23 @@ def entry_point(kernel: Any) -> Callable[..., Any]:
 
     numba's dispatcher looks up the types of the arguments at every call. For a handful of numbers
     and a handle that takes longer than a step of the filter. Without compiled code it is the Python
-    function.
+    function, whose results have Python's own numbers, too.
     """
     if _numba_config.DISABLE_JIT:
-        return kernel  # type: ignore[no-any-return]
+        return lambda *arguments: _plain_numbers(kernel(*arguments))
     types = KERNELS[kernel]
     assert types is not None
     return kernel.compile(types())  # type: ignore[no-any-return]
+
+
+def _plain_numbers(value: Any) -> Any:
+    """A result of plain Python with numpy's numbers as Python's own."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if not isinstance(value, tuple):
+        return value
+    kind, parts = type(value), map(_plain_numbers, value)
+    return kind(*parts) if hasattr(kind, "_fields") else kind(parts)
 
 
 def types_of(*arguments: Any) -> tuple[Any, ...]:

@@ -6,35 +6,21 @@ module before anything else; it loads next to nothing itself.
 
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.machinery import ModuleSpec, PathFinder
 from typing import Any
 
-
-@contextmanager
-def _without_yaml() -> Iterator[None]:
-    """Keep numba from reading a file, now and at each compilation; its warning is dropped."""
-    import warnings
-
-    before = {name: sys.modules[name] for name in ("yaml",) if name in sys.modules}
-    sys.modules["yaml"] = None  # type: ignore[assignment]  # what Python takes for "not there"
-    try:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", "A Numba config file is found")
-            yield
-        setattr(sys.modules["numba.core.config"], "_config_fname", os.devnull)  # noqa: B010 - untyped
-    finally:
-        del sys.modules["yaml"]
-        sys.modules.update(before)
+GUARDED = ("numba.core.config", "matplotlib")
 
 
 @contextmanager
 def _elsewhere() -> Iterator[None]:
     """Work in the root folder, where only root can put anything."""
     try:
-        here = os.open(".", os.O_RDONLY)
-    except OSError:  # a folder that was removed, or may not be read: nothing is found there
+        # the handle of a folder that may not be listed is enough to come back
+        here = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))
+    except OSError:  # a folder that was removed: nothing is found there
         yield
         return
     try:
@@ -46,29 +32,24 @@ def _elsewhere() -> Iterator[None]:
         os.close(here)
 
 
-GUARDED: dict[str, Callable[[], Any]] = {
-    "numba.core.config": _without_yaml,
-    "matplotlib": _elsewhere,
-}
-
-
 class _Finder:
-    """Has the modules above executed under their guards."""
+    """Has the modules above executed elsewhere."""
 
     @staticmethod
     def find_spec(name: str, path: Any, target: Any = None) -> ModuleSpec | None:
         """See :mod:`importlib`."""
-        guard = GUARDED.get(name)
-        spec = None if guard is None else PathFinder.find_spec(name, path, target)
-        if guard is None or spec is None or spec.loader is None:
+        spec = PathFinder.find_spec(name, path, target) if name in GUARDED else None
+        if spec is None or spec.loader is None:
             return None
         execute = spec.loader.exec_module
 
-        def execute_guarded(module: Any) -> None:
-            with guard():
+        def execute_elsewhere(module: Any) -> None:
+            with _elsewhere():
                 execute(module)
+            if hasattr(module, "_config_fname"):  # numba looks again at each compilation
+                module._config_fname = os.devnull  # noqa: SLF001 - no other way
 
-        spec.loader.exec_module = execute_guarded  # type: ignore[method-assign]
+        spec.loader.exec_module = execute_elsewhere  # type: ignore[method-assign]
         return spec
 
 

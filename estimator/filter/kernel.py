@@ -1,6 +1,7 @@
 """The steps of ``estimator/filter/reference.py`` on scalars, compiled, in the same order.
 
-That file explains them. Equation numbers and labels are those of the paper it names.
+That file explains them, and takes K and the bias's gain from here. Equation numbers and labels are
+those of the paper it names.
 """
 
 from math import expm1, sqrt
@@ -20,10 +21,8 @@ from estimator.filter.noise_gain import (
 from estimator.filter.observation import ReferenceParams, raw_vectors
 from estimator.filter.types import (
     COLLINEAR_SINE,
-    NO_DECAY,
     PLAIN_STEP_LIMIT,
     STEP_TOLERANCE,
-    Decay,
     FilterParams,
     FilterState,
     Vectors,
@@ -115,22 +114,11 @@ def largest_rate(cosine: float, s1: float, s2: float, s3: float) -> float:
 @inlined
 def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> float:
     """K dt for short steps; beyond, (1 - exp(-K lambda dt))/lambda, which never overshoots."""
-    return decaying_gain(params, K, fastest, dt, NO_DECAY)[0]
-
-
-@inlined
-def decaying_gain(
-    params: FilterParams, K: float, fastest: float, dt: float, decay: Decay
-) -> tuple[float, Decay]:
-    """:func:`step_gain`, and the decay, which is computed anew only if the step has changed."""
     is_short = dt <= STEP_TOLERANCE * params.euler_step_max_s
     plain = is_short and K * fastest * dt <= PLAIN_STEP_LIMIT
     if plain or fastest <= 0.0:
-        return K * dt, decay
-    exponent = K * fastest * dt
-    if exponent != decay[0]:
-        decay = (exponent, -expm1(-exponent))
-    return decay[1] / fastest, decay
+        return K * dt
+    return -expm1(-K * fastest * dt) / fastest
 
 
 @inlined
@@ -210,11 +198,11 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     else:
         K = adaptive_gain(params, e, d)
     fastest = largest_rate(dot(v1, v2), s1, s2, s3)
-    g, decay = decaying_gain(params, K, fastest, dt, state.decay)
+    g = step_gain(params, K, fastest, dt)
     q = normalize(multiply(state.q_ned_frd, exp(scale(-g, w))))
     b = add(state.gyr_bias_rad_s, scale(bias_gain(params, K, g, fastest, dt), w))
     b = bound_each(b, params.bias_bound_rad_s)
-    return FilterState(q, b, e, d, K, True, state.rate_rad_s, noise, decay)
+    return FilterState(q, b, e, d, K, True, state.rate_rad_s, noise)
 
 
 @compiled()

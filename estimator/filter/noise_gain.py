@@ -58,8 +58,8 @@ RATE_FIRST, RATE_FACTOR = 4.5, 1.2
 # kappa. Small: K goes down late; large: before the estimate is good.
 DESCENT = 0.35
 
-# K^2 may be off by this share before K changes: each other K costs an exponential, and within half
-# a second the measured variances scatter by a quarter of that anyway.
+# K^2 may be off by this share before K changes: within half a second the measured variances scatter
+# by a quarter of that anyway.
 TOLERANCE = 0.2
 
 # Squared noise of a unit vector that is called none.

@@ -12,7 +12,8 @@ fuzzy rules set its gain K from the distance e between the two frames and its ra
 what the measurements show of |R~|_I = Tr(I - R~)/4, with R~ = R^T R_hat of Eq. (8) "Attit_R_error":
 sin^2 of half the angle between truth and estimate.
 
-``estimator/filter/kernel.py`` holds the same steps on scalars, compiled, in the same order.
+``estimator/filter/kernel.py`` holds the same steps on scalars, compiled, in the same order. K and
+the bias's gain are plain numbers in either form, and come from there.
 """
 
 from typing import Any
@@ -20,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from estimator.arrays import Floats
-from estimator.filter.fuzzy import fuzzy_gain
+from estimator.filter.kernel import adaptive_gain, bias_gain
 from estimator.filter.noise_gain import NoiseState, noise_gain, observe_floor, observe_noise
 from estimator.filter.types import (
     COLLINEAR_SINE,
@@ -109,13 +110,6 @@ def error_rate(params: FilterParams, state: FilterState, error: float, dt: float
     return d + dt / (params.rate_time_constant_s + dt) * ((error - state.error) / dt - d)
 
 
-def adaptive_gain(params: FilterParams, error: float, error_rate_1_s: float) -> float:
-    """K = 1 + k_op (below Eq. (12), "Attit_Filter")."""
-    if params.gain_is_fixed:
-        return params.fixed_gain
-    return 1.0 + fuzzy_gain(params.memberships, error, error_rate_1_s)
-
-
 def largest_rate(measured: Floats, s: Floats) -> float:
     """Largest eigenvalue of (tr(M) I - M)/2, M = sum s_i v_i v_i^T.
 
@@ -132,16 +126,6 @@ def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> floa
     if plain or fastest <= 0.0:
         return K * dt
     return float(-np.expm1(-K * fastest * dt) / fastest)
-
-
-def bias_gain(params: FilterParams, K: float, g: float, fastest: float, dt: float) -> float:
-    """gamma/2 g/K: the innovation that the bias integrates decays over the step as the error does.
-
-    At most 1/(lambda dt), with which the bias alone would explain the error: more would overshoot.
-    """
-    gain = 0.5 * params.gamma * g / K
-    reach = fastest * dt
-    return gain if gain * reach <= 1.0 else 1.0 / reach
 
 
 def propagate(state: FilterState, gyr_rad_s: Vec3, dt: float) -> FilterState:

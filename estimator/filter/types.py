@@ -43,18 +43,12 @@ class FilterParams(NamedTuple):
     gain_knows_noise: bool
 
 
-# An exponent and 1 - exp(-exponent).
-Decay = tuple[float, float]
-NO_DECAY: Decay = (0.0, 0.0)
-
-
 class FilterState(NamedTuple):
     """What changes; by default as before the first sample.
 
-    ``has_error`` shows that ``error`` is of an earlier sample, not a blank.
-
-    ``rate_rad_s`` is the rate that the last propagation turned the attitude with. ``noise`` is
-    measured only for a gain that knows it. ``decay`` is the last step's: even steps share it.
+    ``has_error`` shows that ``error`` is of an earlier sample, not a blank. ``rate_rad_s`` is the
+    rate that the last propagation turned the attitude with. ``noise`` is measured only for a gain
+    that knows it.
     """
 
     q_ned_frd: Quaternion = IDENTITY
@@ -64,8 +58,7 @@ class FilterState(NamedTuple):
     gain: float = 1.0
     has_error: bool = False
     rate_rad_s: Vec3 = ZERO_VEC3
-    noise: NoiseState = NO_NOISE
-    decay: Decay = NO_DECAY  # compiled code has to name it
+    noise: NoiseState = NO_NOISE  # compiled code has to name it
 
 
 class Vectors(NamedTuple):

@@ -1,7 +1,9 @@
 """The filter on conditioned vectors, with and without the help of velocity, compiled."""
 
 from math import hypot
+from typing import Any
 
+from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import AidingState, North
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.condition import Conditioned
@@ -10,7 +12,7 @@ from estimator.conditioning.rate import corrected_rate, slow_share
 from estimator.conditioning.robust import REACH
 from estimator.filter.kernel import correct, turn_on
 from estimator.filter.observation import ReferenceParams, weighted_vectors
-from estimator.filter.types import FilterParams, FilterState, Vectors
+from estimator.filter.types import FilterState, Vectors
 from estimator.geometry.quaternion import conjugate, exp, log, multiply, rotate_inverse, scale
 from estimator.types import Quaternion
 
@@ -56,13 +58,13 @@ def horizontal_north(reference: ReferenceParams, knows_north: bool) -> North:
 
 
 @inlined
-def aided_vectors(
-    reference: ReferenceParams, state: AidingState, knows_north: bool, weight: float
-) -> Vectors:
+def aided_vectors(handle: Any, weight: float) -> Vectors:
     """Both inertial directions as the aided attitude sees them; confidence falls with its sigma.
 
     While magnetic north is not known, the filter's north is where the horizontal field points.
     """
+    reference, state = handle.params.reference, handle.aided
+    knows_north = handle.now.knows_north or rolls(handle.params.aiding)
     q = state.estimate.q_ned_frd
     north = reference.magnetic_ned
     E = state.estimate.earth_gauss
@@ -87,15 +89,9 @@ def is_worse(state: AidingState, seen: Conditioned) -> bool:
 
 
 @inlined
-def follow_aided(
-    params: FilterParams,
-    reference: ReferenceParams,
-    state: FilterState,
-    aided: AidingState,
-    knows_north: bool,
-    before: Quaternion,
-) -> FilterState:
+def follow_aided(handle: Any, before: Quaternion) -> FilterState:
     """The filter propagated and corrected after the aiding's step from the attitude ``before``."""
+    aided = handle.aided
     last, bias = aided.last, aided.estimate.gyr_bias_rad_s
     dt = last.dt_s
     slow = slow_share(dt)
@@ -104,8 +100,8 @@ def follow_aided(
         expected = multiply(before, exp(scale(dt, rate)))
         correction = log(multiply(conjugate(expected), aided.estimate.q_ned_frd))
         rate = corrected_rate(rate, correction, slow, dt)
-    state = turn_on(state, exp(scale(dt, rate)), rate, bias)
+    state = turn_on(handle.filter, exp(scale(dt, rate)), rate, bias)
     # A slow stream's vectors are weighed already, and the filter must not keep what a step has
     # missed of a turn: with the least gain, 1/s, such a step is REACH time constants.
     weight = 1.0 + slow * REACH / dt if slow > 0.0 else 1.0
-    return correct(params, state, aided_vectors(reference, aided, knows_north, weight), dt)
+    return correct(handle.params.filter, state, aided_vectors(handle, weight), dt)

@@ -22,8 +22,9 @@ from estimator.geometry.quaternion import (
     multiply,
     rotate,
 )
+from estimator.live import kernel_handle
 from estimator.live.aided import is_worse
-from estimator.live.core import Core, flat, in_rows, with_attitude
+from estimator.live.core import Core, with_attitude
 from estimator.live.settings import Settings
 from estimator.live.starts import (
     find_start_by_both,
@@ -49,7 +50,7 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
     be off by any angle.
     """
     can_compare = has_heading and state.knows_north
-    is_behind_hole = state.core.core.search.window.is_behind_hole
+    is_behind_hole = state.core.search.window.is_behind_hole
     start, follows_unaided = None, has_heading
     if is_behind_hole:
         start, follows_unaided = find_start_by_search(state, report, can_compare=can_compare)
@@ -61,7 +62,7 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
         state.enter(Cause.REPORT)
         return
     # a field that is contradicted has shown no heading
-    is_wrong = compass.is_contradicted(state.context.compass, state.core.time_us)
+    is_wrong = compass.is_contradicted(state.context.compass, state.time_us)
     follows_unaided = follows_unaided and has_heading and not is_wrong
     set_out(state, start, report, has_heading=follows_unaided)
 
@@ -73,9 +74,9 @@ def find_start_by_search(
 
     The second value says whether the unaided attitude may be corrected to it, or is worth nothing.
     """
-    if not state.core.search(report):
+    if not state.run(kernel_handle.search, report):
         return None, True
-    now = state.core.core
+    now = state.core
     start = find_start_by_both(state, now, see_push_and_field(state, now, report))
     if start is not None and is_better(start.sigma, unaided_sigma(state, now)):
         return start, False
@@ -87,7 +88,7 @@ def find_start_by_search(
 
 def set_out(state: State, start: Start, report: Report, *, has_heading: bool) -> None:
     """Velocity helps from here on."""
-    now = state.core.core
+    now = state.core
     aiding, iron_gauss = state.settings.aiding, iron_sigma_gauss(state, now)
     if rolls(aiding) and state.compass_is_usable:  # iron all around is none that turns along
         iron_gauss = aiding.hard_iron_sigma_gauss
@@ -109,7 +110,7 @@ def reacquire(state: State, report: Report) -> bool:
     error is too large for small corrections, which have put it into the sensors' errors meanwhile:
     these are void, too. Returns whether it has begun anew.
     """
-    now = state.core.core
+    now = state.core
     seen = see_push_and_field(state, now, report)
     start = find_start_by_both(state, now, seen)
     if seen is None or start is None or not is_contradicted(state, now, seen, start):
@@ -148,13 +149,13 @@ def give_up(state: State) -> None:
     evidence against the compass that it began with, unless reports have just been missing for long.
     Where wheels contradict the heading that it began with, velocity shows it anew.
     """
-    core = state.core.core
+    core = state.core
     if core.aided.wheels.contradict:
         state.change_compass(misled_us=core.time_us)
         state.enter(Cause.MISLED)
         return
     other = unaided_sigma(state, core)
-    aided, covariance = core.aided, in_rows(core.covariance)
+    aided, covariance = core.aided, core.covariance
     if not is_credible(aided):
         aided, covariance = inflate_covariance(aided, covariance)
     is_consistent = explains_acceleration(aided.acceleration_tilt) and isfinite(hypot(*aided.sigma))
@@ -163,7 +164,7 @@ def give_up(state: State) -> None:
     sigma = Sigmas(inclination_rad, inflated(aided.sigma, core.consistency).heading_rad)
     has_lost_down = is_worse(core.aided, core.seen) and not is_consistent
     if is_consistent or (is_better(sigma, other) and not has_lost_down):
-        state.set_core(core._replace(aided=aided, covariance=flat(covariance)))
+        state.set_core(core._replace(aided=aided, covariance=covariance))
         return
     if has_lost_down:
         start = start_level(core, sigma.heading_rad)
@@ -184,10 +185,10 @@ def give_up(state: State) -> None:
 def with_imu_lag(core: Core, lag_s: float, lead_s: float) -> Core:
     """The core with other ages of the IMU's samples, as uncertain as at the beginning."""
     estimate = core.aided.estimate._replace(imu_lag_s=lag_s, acc_lead_s=lead_s)
-    P = in_rows(core.covariance)
+    P = core.covariance.copy()
     P[IMU_LAG, :] = P[:, IMU_LAG] = 0.0
     P[IMU_LAG, IMU_LAG] = lag_variance(lag_s)
-    return core._replace(aided=core.aided._replace(estimate=estimate), covariance=flat(P))
+    return core._replace(aided=core.aided._replace(estimate=estimate), covariance=P)
 
 
 def begin_aiding(
@@ -212,8 +213,4 @@ def begin_aiding(
         report,
     )
     aided = aided._replace(wheels=core.aided.wheels)
-    return core._replace(
-        aided=aided,
-        covariance=flat(covariance),
-        velocity_history=flat(velocity_history),
-    )
+    return core._replace(aided=aided, covariance=covariance, velocity_history=velocity_history)

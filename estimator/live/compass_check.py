@@ -33,9 +33,9 @@ from estimator.conditioning.rate import slow_share
 from estimator.conditioning.robust import REACH
 from estimator.geometry.quaternion import angle_between_vectors, multiply, norm, rotate
 from estimator.live.aiding_span import set_out
-from estimator.live.core import Core, in_rows
-from estimator.live.iron import MOUNTED_RAD
+from estimator.live.core import Core
 from estimator.live.settings import Settings
+from estimator.live.situation import MOUNTED_RAD
 from estimator.live.starts import (
     LEAST_HEADING_SIGMA_RAD,
     bias_sigma_rad_s,
@@ -48,7 +48,7 @@ from estimator.live.state import State
 
 def check_compass(state: State, report: Report) -> None:
     """Compare the compass with the heading by velocity, and act if they contradict."""
-    now = state.core.core_in_arrays
+    now = state.core
     if not state.context.is_by_field:
         judge_mounting(state, now)
         return
@@ -114,7 +114,7 @@ def judge_mounting(state: State, now: Core) -> None:
         judge_field(state, Start(estimate.q_ned_frd, now.aided.sigma.heading_rad))
         if state.context.compass.turned_rad != known.turned_rad:  # it has been turned by now
             return
-    variance = in_rows(now.covariance)[COMPASS_TURN, COMPASS_TURN]
+    variance = now.covariance[COMPASS_TURN, COMPASS_TURN]
     if not 0.0 < 2.0 * variance < MOUNTED_RAD**2:
         return
     if abs(estimate.compass_turn_rad) > MOUNTED_RAD:
@@ -125,13 +125,13 @@ def judge_mounting(state: State, now: Core) -> None:
 
 def mislead(state: State, start: Start, turn_rad: float, report: Report) -> None:
     """Begin again from the attitude by velocity; the compass is turned by ``turn_rad``."""
-    now = state.core.core
+    now = state.core
     state.enter(Cause.MISLED)
     if rolls(state.settings.aiding):  # iron all around turns a field, too: it is left out
         state.contradict_compass()
     else:
         state.turn_compass(turn_rad)
-    state.set_core(state.core.core._replace(search=now.search))
+    state.set_core(state.core._replace(search=now.search))
     set_out(state, start, report, has_heading=False)
 
 

@@ -13,7 +13,6 @@ from estimator.aiding.phase import Phase
 from estimator.aiding.search import EMPTY_SEARCH, Search
 from estimator.aiding.types import HARD_IRON, SIZE, AidingState
 from estimator.aiding.velocity_history import COLUMNS
-from estimator.arrays import Floats
 from estimator.conditioning.condition import Conditioned
 from estimator.conditioning.gather import NOTHING, Gathered
 from estimator.conditioning.state import ConditioningState, forget_bias, forget_field
@@ -34,12 +33,15 @@ UNSEEN = Conditioned()
 
 
 class Core(NamedTuple):
-    """All that the compiled steps change; by default as before the first sample."""
+    """All that the compiled steps change; by default as before the first sample.
+
+    Its four arrays are tuples in a snapshot, row by row.
+    """
 
     conditioning: ConditioningState  # as it was before, while the vectors are raw
     aided: AidingState  # blank while velocity does not help
-    covariance: Any  # of the aiding's errors: (SIZE, SIZE), in a snapshot row by row
-    velocity_history: Any  # that it has gained lately: (ROWS, COLUMNS), or row by row
+    covariance: Any  # of the aiding's errors: (SIZE, SIZE)
+    velocity_history: Any  # that it has gained lately: (ROWS, COLUMNS)
     time_us: int = 0  # of the last sample, on the vehicle's clock
     interval_s: float = 0.0  # mean interval of the samples; 0 before the second one
     sample: Sample = NO_SAMPLE  # the last one
@@ -51,8 +53,8 @@ class Core(NamedTuple):
     search: Search = EMPTY_SEARCH  # for an attitude from velocity, with or without the field
     consistency: Consistency = NEW_CONSISTENCY  # of the aided attitude; blank without velocity
     turning: Turning = STILL  # that others have seen between the IMU's samples
-    rates: Any = ()  # of theirs that wait for a sample: rows as in ``turning``, or row by row
-    reports: Any = ()  # velocities the samples have not reached: (N, REPORT_SIZE), or row by row
+    rates: Any = ()  # of theirs that wait for a sample: rows as in ``turning``
+    reports: Any = ()  # velocities the samples have not reached: (N, REPORT_SIZE)
 
 
 @lru_cache(maxsize=16)  # that new vehicles begin with
@@ -60,37 +62,32 @@ def initial_core(settings: Settings) -> Core:
     """Before the first sample."""
     aided, covariance, velocity_history = blank_aiding(settings.aiding)
     memory = initial_conditioning(settings.conditioning)
-    return Core(memory, aided, flat(covariance), flat(velocity_history))
+    return in_arrays(Core(memory, aided, covariance, velocity_history))
+
+
+# The columns of a core's arrays.
+ARRAYS = {
+    "covariance": SIZE,
+    "velocity_history": COLUMNS,
+    "rates": RATE_COLUMNS,
+    "reports": REPORT_SIZE,
+}
 
 
 def in_arrays(core: Core) -> Core:
-    """A snapshot's core as compiled memory holds it."""
-    return core._replace(
-        covariance=in_rows(core.covariance),
-        velocity_history=in_rows(core.velocity_history, COLUMNS),
-        rates=in_rows(core.rates, RATE_COLUMNS),
-        reports=in_rows(core.reports, REPORT_SIZE),
-    )
+    """The core, also that of a snapshot, with arrays of its own."""
+    own: dict[str, Any] = {}
+    for name, columns in ARRAYS.items():
+        own[name] = np.array(getattr(core, name), np.float64, order="C").reshape(-1, columns)
+    return core._replace(**own)
 
 
 def in_tuples(core: Core) -> Core:
-    """What compiled memory holds as a snapshot keeps it."""
-    return core._replace(
-        covariance=flat(core.covariance),
-        velocity_history=flat(core.velocity_history),
-        rates=flat(core.rates),
-        reports=flat(core.reports),
-    )
-
-
-def in_rows(values: tuple[float, ...], columns: int = SIZE) -> Floats:
-    """The covariance, or what else has so many columns, as an array."""
-    return np.array(values, np.float64).reshape(-1, columns)
-
-
-def flat(covariance: Floats) -> tuple[float, ...]:
-    """Row by row, as a snapshot keeps it."""
-    return tuple(covariance.ravel().tolist())
+    """The core as a snapshot keeps it: a value that nothing changes."""
+    values: dict[str, Any] = {}
+    for name in ARRAYS:
+        values[name] = tuple(np.ravel(getattr(core, name)).tolist())
+    return core._replace(**values)
 
 
 def without_aiding(settings: Settings, now: Core) -> Core:
@@ -141,8 +138,7 @@ def with_turned_compass(settings: Settings, now: Core, turn_rad: float, *, is_ai
     now = now._replace(conditioning=forget_field(settings.conditioning, now.conditioning))
     if not is_aided:
         return now
-    P, back = in_rows(now.covariance), exp((0.0, 0.0, -turn_rad))
-    T, iron = np.eye(SIZE), slice(HARD_IRON, HARD_IRON + 3)
+    T, iron, back = np.eye(SIZE), slice(HARD_IRON, HARD_IRON + 3), exp((0.0, 0.0, -turn_rad))
     T[iron, iron] = rotation_matrix(back)
     estimate = now.aided.estimate
     estimate = estimate._replace(
@@ -150,7 +146,7 @@ def with_turned_compass(settings: Settings, now: Core, turn_rad: float, *, is_ai
         hard_iron_gauss=rotate(back, estimate.hard_iron_gauss),
     )
     aided = now.aided._replace(estimate=estimate)
-    return now._replace(aided=aided, covariance=flat(T @ P @ T.T))
+    return now._replace(aided=aided, covariance=T @ now.covariance @ T.T)
 
 
 def change_imu(settings: Settings, now: Core, *, is_aided: bool) -> Core:
@@ -161,8 +157,8 @@ def change_imu(settings: Settings, now: Core, *, is_aided: bool) -> Core:
     now = now._replace(conditioning=memory, turning=turning, rates=())
     if not is_aided:
         return now
-    aided, P = forget_biases(settings.aiding, now.aided, in_rows(now.covariance))
-    return now._replace(aided=aided, covariance=flat(P))
+    aided, P = forget_biases(settings.aiding, now.aided, now.covariance)
+    return now._replace(aided=aided, covariance=P)
 
 
 class Context(NamedTuple):

@@ -25,26 +25,21 @@ from estimator.compilation.compiled import (
     is_compiled_code,
     types_of,
 )
-from estimator.live import turning
 from estimator.live.core import Core, in_arrays, initial_core
-from estimator.live.published import NOTHING_PUBLISHED, Published, write
+from estimator.live.published import NOTHING_PUBLISHED, Published, published_by, write
 from estimator.live.refusal import fault_of, is_gap, mean_interval
-from estimator.live.rows import NO_OUTPUT, NO_REPORT_ROWS, NO_ROWS, Rows, reading_of
+from estimator.live.rows import NO_OUTPUT, NO_REPORT_ROWS, NO_ROWS, REPORT_SIZE, Rows, reading_of
 from estimator.live.settings import Settings, settings_of
+from estimator.live.situation import AIDED, Situation
 from estimator.live.step import (
-    AIDED,
     GAP,
     TAKEN,
-    Params,
-    Situation,
-    contradicted_axes,
-    published_by,
     search_by,
     step,
     take_report_row,
     take_report_rows,
-    turn_to,
 )
+from estimator.live.turning import Axes, contradicted_axes, has_rates, take_between
 from estimator.profile import load_profile
 from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Sample
 
@@ -78,17 +73,12 @@ else:
 @functools.cache
 def example_types() -> tuple[tuple[Any, ...], Any]:
     """The types of the arguments of :func:`new_handle`, and of the handle that it returns."""
-    settings = settings_of(load_profile("imu"))
-    params, core = params_of(settings), in_arrays(initial_core(settings))
+    params = settings_of(load_profile("imu"))
+    core = initial_core(params)
     first = (params, Situation(), NO_REPORT, *NO_ROWS_BOUND)
     fields = zip(FIELDS, (*first, *core), strict=True)
     handle = _kernel_handle_type([(field, *types_of(value)) for field, value in fields])
     return types_of(params, core, Situation(), *NO_ROWS_BOUND), handle
-
-
-def params_of(settings: Settings) -> Params:
-    """What the kernels take of the settings."""
-    return Params(settings.filter, settings.reference, settings.conditioning, settings.aiding)
 
 
 def takes_handle(*arguments: Any) -> Callable[[Function], Function]:
@@ -99,10 +89,16 @@ def takes_handle(*arguments: Any) -> Callable[[Function], Function]:
 
 @compiled(types=lambda: example_types()[0])
 def new_handle(
-    params: Params, core: Core, now: Situation, rows: Rows, published: Floats, report_rows: Floats
+    params: Settings, core: Core, now: Situation, rows: Rows, published: Floats, report_rows: Floats
 ) -> Any:
     """Put everything into compiled memory; the arrays as in :func:`bind_rows`."""
     return KernelHandle(params, now, NO_REPORT, rows, published, report_rows, *core[:])
+
+
+def put(settings: Settings, core: Core) -> Any:
+    """A handle on a copy of the core in compiled memory."""
+    own = in_arrays(core)  # steps write into them
+    return entry_point(new_handle)(settings, own, Situation(), *NO_ROWS_BOUND)
 
 
 @takes_handle()
@@ -130,7 +126,7 @@ def contents(handle: Any) -> Core:
 
 
 @takes_handle()
-def status(handle: Any) -> tuple[int, int, turning.Axes, turning.Axes]:
+def status(handle: Any) -> tuple[int, int, Axes, Axes]:
     """Time (us) of the last sample, and others' rates in use.
 
     That is how many steps were integrated through those rates, the gyroscope's axes that they
@@ -177,8 +173,8 @@ def advance(
             break
         dt_s = 1e-6 * (time_us - handle.time_us)
         between = NOTHING_BETWEEN
-        if now.takes_rates and turning.has_rates(handle.turning, handle.rates):
-            between, gyr = turn_to(handle, time_us, gyr)
+        if handle.params.uses_rates and has_rates(handle):
+            between, gyr = take_between(handle, time_us, gyr)
         if now.watches_gaps and not between.given and is_gap(handle.interval_s, dt_s):
             is_aided, end = False, GAP
         has_mag = has_mag and time_us >= now.used_from_us
@@ -211,21 +207,9 @@ def bind_rows(handle: Any, rows: Rows, published: Floats, report_rows: Floats) -
     handle.report_rows = report_rows
 
 
-@takes_handle(FLAG, WHOLE, *(NUMBER,) * 5, FLAG)
-def take_report(
-    handle: Any,
-    is_rate: bool,
-    time_us: int,
-    x: float,
-    y: float,
-    z: float,
-    sigma_m_s: float,
-    late_s: float,
-    has_vertical: bool,
-) -> bool:
-    """A velocity or body rates, see :func:`estimator.live.step.take_report_row`."""
-    rate, vertical = 1.0 if is_rate else 0.0, 1.0 if has_vertical else 0.0
-    row = np.array((0.0, float(time_us), rate, x, y, z, sigma_m_s, late_s, vertical))
+@takes_handle(np.zeros(REPORT_SIZE))
+def take_report(handle: Any, row: Floats) -> bool:
+    """See :func:`estimator.live.step.take_report_row`."""
     return take_report_row(handle, row)
 
 
@@ -248,8 +232,8 @@ def publish(handle: Any, time_us: int) -> Published:
 
 
 @functools.cache
-def late_report_step(source: Source) -> Any:
-    """The step that takes a late report of a source."""
+def late_report_kernel(source: Source) -> Any:
+    """The kernel that takes a late report of a source."""
     observe: Any = source.observe
 
     def take_other_report(handle: Any, report: Any, ago_s: float) -> None:
@@ -263,4 +247,4 @@ def late_report_step(source: Source) -> Any:
     # the name of its file in the cache
     name = f"take_other_report.{observe.__module__}.{observe.__qualname__}"
     take_other_report.__qualname__ = name
-    return entry_point(takes_handle(source.blank, NUMBER)(take_other_report))
+    return takes_handle(source.blank, NUMBER)(take_other_report)

@@ -10,17 +10,14 @@ wrong, so the angle between them counts as an error of the heading.
 from math import asin, atan2, hypot, pi, radians, sqrt
 from typing import Any, NamedTuple
 
-from estimator.aiding.consistency import Consistency, inflated, inflation
+from estimator.aiding.consistency import inflated, inflation
 from estimator.aiding.correction_cusum import with_unexpected_turn
 from estimator.aiding.search import UNKNOWN_RAD
-from estimator.aiding.types import AidingParams, AidingState
 from estimator.aiding.uncertainty import with_dip_error
-from estimator.compilation.compiled import inlined
-from estimator.conditioning.condition import Conditioned
+from estimator.compilation.compiled import inlined, shared
 from estimator.conditioning.field.step import wrap_angle
 from estimator.conditioning.params import USUAL_S
 from estimator.conditioning.vertical.lowpass import approach
-from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import (
     conjugate,
@@ -32,6 +29,7 @@ from estimator.geometry.quaternion import (
     subtract,
 )
 from estimator.live.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, confidence
+from estimator.live.situation import RAW, mounted_rad, standing_at, unshown_iron
 from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3
 
 
@@ -70,69 +68,82 @@ LEAST_SIGMA_RAD = radians(0.1)
 # Half of a turn that goes on for so long unseen may not have happened.
 STEADY_TURN_S = 0.1
 
-# Attitude, rate free of bias, bias, e, its rate, K.
-Motion = tuple[Quaternion, Vec3, Vec3, float, float, float]
 # Confidences of gravity and field, sigmas (rad) of inclination and heading.
 Figures = tuple[float, float, float, float]
-# Time (us), what both hold, and the place in ``NORTHS`` of what the heading is measured from.
-Published = tuple[int, *Motion, *Figures, int]
+# Time (us), attitude, rate free of bias, bias, e, its rate, K, the figures, and the place in
+# ``NORTHS`` of what the heading is measured from.
+Published = tuple[int, Quaternion, Vec3, Vec3, float, float, float, float, float, float, float, int]
 NOTHING_PUBLISHED: Published = (-1, IDENTITY, ZERO_VEC3, ZERO_VEC3, *(0.0,) * 7, 0)
 
 # Longest propagation beyond the last sample, s: later its rate shows nothing of the vehicle.
 OUTPUT_HORIZON_S = 1.0
 
 
-@inlined
-def motion(
-    state: FilterState, rate_rad_s: Vec3, ahead_s: float, error: float, error_rate_1_s: float
-) -> Motion:
-    """The filter's part, turned by the last rate for ``ahead_s``, and e with its rate."""
-    q = state.q_ned_frd
+@shared
+def published_by(handle: Any, time_us: int, is_aided: bool) -> Published:
+    """The output at a time, propagated from the last sample if that is before it.
+
+    The vehicle may have stopped turning: the unseen share of the turn since then, which widens the
+    sigmas, grows from none to all.
+    """
+    now, state = handle.now, handle.filter
+    known_s = min(max(1e-6 * (time_us - handle.time_us), 0.0), OUTPUT_HORIZON_S)
+    ahead_s = known_s
+    error, error_rate_1_s = state.error, state.error_rate_1_s
+    if is_aided:
+        error, error_rate_1_s = handle.consistency.error, handle.consistency.error_rate_1_s
+        gravity, magnetic, inclination, heading = aided_figures(handle)
+        ahead_s += handle.aided.estimate.imu_lag_s  # the samples are that old
+    elif now.source != RAW:
+        gravity, magnetic, inclination, heading = conditioned_figures(handle)
+    else:
+        gravity, magnetic, inclination, heading = raw_figures(handle)
+    q, rate_rad_s = state.q_ned_frd, subtract(handle.sample.gyr_rad_s, state.gyr_bias_rad_s)
     if ahead_s != 0.0:
         q = normalize(multiply(q, exp(scale(ahead_s, rate_rad_s))))
-    return q, rate_rad_s, state.gyr_bias_rad_s, error, error_rate_1_s, state.gain
+    if known_s > 0.0:
+        unseen = norm(rate_rad_s) * known_s * known_s / (known_s + STEADY_TURN_S)
+        inclination = at_most_half_turn(sqrt(inclination * inclination + unseen * unseen))
+        heading = at_most_half_turn(sqrt(heading * heading + unseen * unseen))
+    moved = (q, rate_rad_s, state.gyr_bias_rad_s, error, error_rate_1_s, state.gain)
+    north = now.north if handle.seen.has_heading else now.north_without
+    return (time_us, *moved, gravity, magnetic, inclination, heading, north)
 
 
 @inlined
-def raw_figures(reference: ReferenceParams, smooth_error: float, pull: Pull) -> Figures:
+def raw_figures(handle: Any) -> Figures:
     """What raw vectors show about themselves: their mean e is sin^2 of half an angle."""
-    sigma = at_most_half_turn(at_least(2.0 * asin(sqrt(smooth_error))))
-    heading = at_most_half_turn(sqrt(sigma * sigma + pull.heading_rad * pull.heading_rad))
+    reference, pulled_rad = handle.params.reference, handle.pull.heading_rad
+    sigma = at_most_half_turn(at_least(2.0 * asin(sqrt(handle.smooth_error))))
+    heading = at_most_half_turn(sqrt(sigma * sigma + pulled_rad * pulled_rad))
     return reference.s_gravity, reference.s_magnetic, sigma, heading
 
 
 @inlined
-def conditioned_figures(seen: Conditioned, unshown_iron_rad: float) -> Figures:
+def conditioned_figures(handle: Any) -> Figures:
     """What the conditioning stage knows about confidence and heading.
 
-    Iron adds at most ``UNKNOWN_RAD`` to the heading's sigma.
+    Iron that nothing has shown adds at most ``UNKNOWN_RAD`` to the heading's sigma.
     """
+    seen, params, memory = handle.seen, handle.params, handle.conditioning
+    standing = standing_at(handle.now, handle.time_us)
+    iron_rad = unshown_iron(params.conditioning, memory, params.reference.place_gauss, standing)
     heading_rad = at_least(seen.sigma_heading_rad)
-    with_iron = min(pi, hypot(heading_rad, unshown_iron_rad), max(heading_rad, UNKNOWN_RAD))
     return (
         seen.gravity_confidence,
         seen.magnetic_confidence,
         at_least(seen.sigma_inclination_rad),
-        with_iron,
+        min(pi, hypot(heading_rad, iron_rad), max(heading_rad, UNKNOWN_RAD)),
     )
 
 
 @inlined
-def aided_figures(
-    params: AidingParams,
-    aided: AidingState,
-    consistency: Consistency,
-    place_gauss: Vec3,
-    covariance: Any,
-    mounted_rad: float,
-) -> Figures:
-    """What the velocity aiding knows, widened by what measurements contradict.
-
-    ``mounted_rad`` is how far the compass may be turned in the vehicle.
-    """
-    sigma = aided.sigma
-    wide = with_unexpected_turn(inflated(sigma, consistency), aided.correction_cusum, covariance)
-    wide = with_dip_error(params, wide, aided.field, place_gauss, covariance)
+def aided_figures(handle: Any) -> Figures:
+    """What the velocity aiding knows, widened by what contradicts it and by a turned compass."""
+    params, aided, P = handle.params, handle.aided, handle.covariance
+    sigma, consistency = aided.sigma, handle.consistency
+    wide = with_unexpected_turn(inflated(sigma, consistency), aided.correction_cusum, P)
+    wide = with_dip_error(params.aiding, wide, aided.field, params.reference.place_gauss, P)
     # What has turned the vertical may have turned the heading as far. Only published: a velocity
     # that is wrong may have done it, so that no attitude is given up for it.
     heading_rad = hypot(wide.heading_rad, sqrt(inflation(consistency.tilt)))
@@ -140,25 +151,7 @@ def aided_figures(
         confidence(sigma.inclination_rad, GRAVITY_HALF_RAD),
         confidence(sigma.heading_rad, MAGNETIC_HALF_RAD),
         at_most_half_turn(at_least(wide.inclination_rad)),
-        at_most_half_turn(at_least(hypot(heading_rad, mounted_rad))),
-    )
-
-
-@inlined
-def widen(figures: Figures, rate_rad_s: Vec3, ahead_s: float) -> Figures:
-    """Both sigmas ``ahead_s`` beyond the last sample: the vehicle may have stopped turning.
-
-    The unseen share of the turn since then grows from none to all.
-    """
-    if ahead_s <= 0.0:
-        return figures
-    gravity, magnetic, inclination, heading = figures
-    unseen = norm(rate_rad_s) * ahead_s * ahead_s / (ahead_s + STEADY_TURN_S)
-    return (
-        gravity,
-        magnetic,
-        at_most_half_turn(sqrt(inclination * inclination + unseen * unseen)),
-        at_most_half_turn(sqrt(heading * heading + unseen * unseen)),
+        at_most_half_turn(at_least(hypot(heading_rad, mounted_rad(handle.now.standing)))),
     )
 
 

@@ -15,20 +15,15 @@ RATE_LIMIT_RAD_S = 70.0
 # 40 g, well beyond the range of common accelerometers.
 ACC_LIMIT_M_S2 = 400.0
 
-
-# What is wrong with a sample, as compiled code returns it.
-FINE = 0
-NOT_FINITE = 1
-GYROSCOPE_OUT_OF_RANGE = 2
-ACCELEROMETER_OUT_OF_RANGE = 3
-NOT_LATER = 4  # than the sample before
-
-REASONS = {
-    NOT_FINITE: Reason.NOT_FINITE,
-    GYROSCOPE_OUT_OF_RANGE: Reason.GYROSCOPE_OUT_OF_RANGE,
-    ACCELEROMETER_OUT_OF_RANGE: Reason.ACCELEROMETER_OUT_OF_RANGE,
-    NOT_LATER: Reason.NOT_LATER,
-}
+# What is wrong with a sample, as compiled code returns it: its place here.
+REASONS = (
+    None,
+    Reason.NOT_FINITE,
+    Reason.GYROSCOPE_OUT_OF_RANGE,
+    Reason.ACCELEROMETER_OUT_OF_RANGE,
+    Reason.NOT_LATER,  # than the sample before
+)
+FINE, NOT_FINITE, GYROSCOPE_OUT_OF_RANGE, ACCELEROMETER_OUT_OF_RANGE, NOT_LATER = range(5)
 
 
 @inlined

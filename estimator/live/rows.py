@@ -1,10 +1,14 @@
-"""Many samples and what is published about them, as rows of arrays."""
+"""Many samples, reports, and what is published about them, as rows of arrays.
+
+Velocities wait as rows for the IMU sample behind them.
+"""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from estimator.aiding.types import NO_REPORT, Report
 from estimator.arrays import Bools, Floats, Times
 from estimator.compilation.compiled import inlined
 from estimator.errors import InputError
@@ -115,16 +119,17 @@ def cut(rows: Rows, begin: int, end: int | None = None, every: int = 1) -> Rows:
     return Rows._make(column[begin:end:every] for column in rows)
 
 
+def report_row_of(row: int, report: VelocitySample | RateSample) -> Floats:
+    """A report (REPORT_SIZE,) that comes before the sample of ``row``."""
+    if isinstance(report, RateSample):
+        return np.array((row, report.time_us, 1.0, *report.rate_rad_s, 0.0, 0.0, 0.0), np.float64)
+    time_us, velocity, has_vertical, sigma_m_s, late_s = report
+    return np.array((row, time_us, 0.0, *velocity, sigma_m_s, late_s, has_vertical), np.float64)
+
+
 def report_rows_of(reports: Iterable[tuple[int, VelocitySample | RateSample]]) -> Floats:
     """Rows (M, REPORT_SIZE) of reports, each with the sample that it comes before, in order."""
-    report_rows: list[tuple[float, ...]] = []
-    for row, report in reports:
-        if isinstance(report, RateSample):
-            report_rows.append((row, report.time_us, 1.0, *report.rate_rad_s, 0.0, 0.0, 0.0))
-        else:
-            time_us, velocity, has_vertical, sigma_m_s, late_s = report
-            report_rows.append((row, time_us, 0.0, *velocity, sigma_m_s, late_s, has_vertical))
-    return np.array(report_rows, np.float64).reshape(-1, REPORT_SIZE)
+    return np.array([report_row_of(*each) for each in reports]).reshape(-1, REPORT_SIZE)
 
 
 def report_of(row: Floats) -> VelocitySample | RateSample:
@@ -141,3 +146,53 @@ def reports_between(report_rows: Floats, begin: int, end: int) -> Floats:
     part = report_rows[first:behind].copy()
     part[:, ROW] -= begin
     return part
+
+
+# Reports come about as often as IMU samples do; of more than this the oldest go.
+MOST_WAITING = 8
+
+
+@inlined
+def enqueue(waiting: Floats, row: Floats, most: int) -> Floats:
+    """The waiting rows with a new one; of more than ``most`` the oldest goes."""
+    kept = waiting[max(0, len(waiting) + 1 - most) :]
+    longer = np.empty((len(kept) + 1, len(row)))
+    longer[:-1] = kept
+    longer[-1] = row
+    return longer
+
+
+@inlined
+def take_due_velocities(
+    waiting: Floats, time_us: int, oldest_s: float
+) -> tuple[Floats, Report, Report]:
+    """Those ahead of the IMU, and the latest of each source that it has reached by ``time_us``.
+
+    A report waits for the first IMU sample that is not before it. Only the latest counts, as errors
+    stay the same for a second or more. The two sources are a receiver, whose age is uncertain, and
+    a filter; the one that began to wait first comes first.
+    """
+    one, other, one_is_late, any_yet = NO_REPORT, NO_REPORT, False, False
+    for k in np.argsort(waiting[:, TIME], kind="mergesort"):  # in time, then as they came
+        row = waiting[k]
+        if row[TIME] <= time_us:
+            is_late = row[LATE_S] > 0.0
+            if not any_yet:
+                one_is_late, any_yet = is_late, True
+            if is_late == one_is_late:
+                one = velocity_at(row, time_us, oldest_s)
+            else:
+                other = velocity_at(row, time_us, oldest_s)
+    if not one.given:
+        one, other = other, one
+    return waiting[waiting[:, TIME] > time_us], one, other
+
+
+@inlined
+def velocity_at(row: Floats, time_us: int, oldest_s: float) -> Report:
+    """A row as it is seen from the IMU sample of ``time_us``, if it is no older."""
+    ago_s = 1e-6 * (time_us - int(row[TIME]))
+    if ago_s > oldest_s:
+        return NO_REPORT
+    velocity = (row[X], row[Y], row[Z])
+    return Report(True, velocity, row[HAS_VERTICAL] > 0.0, row[SIGMA_M_S], ago_s, row[LATE_S])

@@ -15,7 +15,7 @@ from estimator.filter.types import FilterParams
 from estimator.geometry.earth import PlaceField, in_ned
 from estimator.geometry.quaternion import exp, rotate, unit
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
-from estimator.types import ZERO_VEC3, Quaternion, Vec3, VehicleClass
+from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3, VehicleClass
 
 MAGNETIC_NORTH: Vec3 = (1.0, 0.0, 0.0)
 # Between where wheels roll and where the IMU's x axis points: askew mounting, and tyres in turns.
@@ -23,7 +23,7 @@ WHEELS_SLIP_RAD = radians(3.0)
 
 
 class Settings(NamedTuple):
-    """What a profile fixes for the whole run; ``initial`` is None where alignment decides."""
+    """What a profile fixes for the whole run, as compiled code takes it."""
 
     filter: FilterParams
     reference: ReferenceParams
@@ -32,7 +32,8 @@ class Settings(NamedTuple):
     conditioned: bool
     uses_rates: bool  # those of ATTITUDE may show the turning between IMU samples
     learns_north: bool  # the declination may come from a position
-    initial: Quaternion | None
+    aligns: bool  # the first vectors give the first attitude, and not ``initial``
+    initial: Quaternion
 
 
 def settings_of(
@@ -80,7 +81,8 @@ def settings_of(
         uses_rates=profile.conditioned and profile.rates == "imu+attitude",
         learns_north=profile.reference.magnetic == "learn"
         and profile.reference.declination_deg == "position",
-        initial=_initial_attitude(profile.filter.initial_attitude),
+        aligns=section.initial_attitude == "align",
+        initial=_initial_attitude(section.initial_attitude),
     )
 
 
@@ -112,7 +114,7 @@ def _aiding(profile: Profile, vehicle_class: VehicleClass) -> AidingParams:
 
 
 @lru_cache(maxsize=16)  # nearly all new vehicles have the same
-def _initial_attitude(start: Any) -> Quaternion | None:
+def _initial_attitude(start: Any) -> Quaternion:
     if start == "align":
-        return None
+        return IDENTITY
     return quaternion_from_matrix(nearest_rotation(np.array(start)))

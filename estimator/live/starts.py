@@ -33,8 +33,8 @@ from estimator.geometry.quaternion import (
 )
 from estimator.live.aided import conditioned_vectors
 from estimator.live.core import Core
-from estimator.live.iron import MOUNTED_RAD
 from estimator.live.settings import Settings
+from estimator.live.situation import MOUNTED_RAD
 from estimator.live.state import State
 from estimator.types import DOWN, Quaternion
 
@@ -50,7 +50,7 @@ def find_start_by_field(state: State) -> Start | None:
     An uncalibrated compass begins it with a heading sigma of ``UNKNOWN_RAD``, so velocity turns the
     heading first. Only velocity makes that sigma smaller.
     """
-    now = state.core.core  # taken out once: this takes longer than all that follows
+    now = state.core  # taken out once: this takes longer than all that follows
     is_usable = field_is_usable(state, now)
     may_begin = is_usable or compass.is_unknown(state.context.compass, now.time_us)
     # the unaided vertical goes through its averaging time first
@@ -123,7 +123,7 @@ def judge_field(state: State, start: Start) -> Start:
 
     A usable compass is not judged: it corrects a relative heading.
     """
-    now, known = state.core.core, state.context.compass
+    now, known = state.core, state.context.compass
     if compass.is_usable(known, now.time_us):
         return start
     seen, field = now.seen, now.conditioning.field.magnetic.reference

@@ -6,7 +6,8 @@ through all of them. Where it comes with the samples, nothing is between and not
 for an axis of the gyroscope that field and force contradict. There the rates replace it, if they
 agree with the samples about the other axes.
 
-The rates that wait for a sample are rows of an array: time (us) and rate (rad/s).
+The rates that wait for a sample are rows of an array: time (us) and rate (rad/s). ``handle`` is one
+of :mod:`estimator.live.kernel_handle`.
 """
 
 from math import sqrt
@@ -15,10 +16,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.params import SPAN_S
 from estimator.conditioning.rate import integration_rate
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.quaternion import add, exp, log, multiply, norm, scale, subtract
-from estimator.live.reports import enqueue
+from estimator.live.rows import enqueue
 from estimator.types import (
     IDENTITY,
     NEVER_US,
@@ -73,9 +75,9 @@ STILL = Turning()  # before any rate
 
 
 @inlined
-def has_rates(state: Turning, rates: Rates) -> bool:
+def has_rates(handle: Any) -> bool:
     """Whether there has been any rate."""
-    return len(rates) > 0 or state.before_us != NEVER_US
+    return len(handle.rates) > 0 or handle.turning.before_us != NEVER_US
 
 
 @inlined
@@ -93,12 +95,35 @@ def agrees(state: Turning, but: Axes) -> bool:
 
 
 @inlined
-def take_rate(state: Turning, rates: Rates, time_us: int, rate_rad_s: Vec3) -> Rates:
-    """The waiting rates with one more; one that is not later than the last is dropped."""
-    if time_us <= (state.before_us if len(rates) == 0 else rates[-1, 0]):
-        return rates
-    x, y, z = rate_rad_s
-    return enqueue(rates, np.array((float(time_us), x, y, z)), MOST_WAITING)
+def contradicted_axes(handle: Any) -> tuple[bool, bool, bool]:
+    """Whether field and force contradict the gyroscope's axes x, y, z now.
+
+    By more than a bias that the profile allows: such an error is not learnt.
+    """
+    axes = handle.conditioning.events.axes
+    is_now = axes.since_s < SPAN_S
+    least = handle.params.conditioning.bias_limit_rad_s**2
+    x, y, z = axes.squares
+    common = min(x, y, z)  # of a field that contradicts all three it is the field's own
+    x, y, z = x - common, y - common, z - common
+    return is_now and x > least, is_now and y > least, is_now and z > least
+
+
+@inlined
+def keep_rate(handle: Any, time_us: int, rate_rad_s: Vec3) -> None:
+    """Keep body rates, unless they come too late or are not later than the last.
+
+    Those at the times of the samples are of use only where an axis is contradicted.
+    """
+    state, rates = handle.turning, handle.rates
+    is_kept = time_us > handle.time_us
+    if time_us == handle.time_us:
+        a, b, c = contradicted_axes(handle)
+        d, e, f = state.stands_in
+        is_kept = a or b or c or d or e or f
+    if is_kept and time_us > (state.before_us if len(rates) == 0 else rates[-1, 0]):
+        x, y, z = rate_rad_s
+        handle.rates = enqueue(rates, np.array((float(time_us), x, y, z)), MOST_WAITING)
 
 
 @inlined
@@ -108,30 +133,28 @@ def rate_at(rates: Rates, k: int) -> tuple[int, Vec3]:
 
 
 @inlined
-def take_between(
-    state: Turning, rates: Rates, from_us: int, time_us: int, gyr_rad_s: Vec3
-) -> tuple[Turning, Rates, Between]:
-    """What the rates show between two samples, of ``gyr_rad_s`` the later one, and those ahead."""
+def take_between(handle: Any, time_us: int, gyr_rad_s: Vec3) -> tuple[Between, Vec3]:
+    """Up to the next sample by others' rates, too.
+
+    Returns what those show of the turning up to there, and what the gyroscope reads, or what
+    stands in for it.
+    """
+    state, rates, from_us = handle.turning, handle.rates, handle.time_us
     passed = 0
     while passed < len(rates) and rates[passed, 0] <= time_us:
         passed += 1
-    shown = NOTHING_BETWEEN
-    if not has_rates(state, rates):
-        return state, rates, shown
     state = compared(state, rates, passed, from_us, time_us, gyr_rad_s)
+    shown = NOTHING_BETWEEN
     if agrees(state, NO_AXES):
         shown = integrate(state, rates, passed, from_us, time_us, gyr_rad_s)
-    before_us, before = state.before_us, state.before_rad_s
+    used = state.used + (1 if shown.given else 0)
+    state = state._replace(last_gyr_rad_s=gyr_rad_s, used=used)
     if passed > 0:
         before_us, before = rate_at(rates, passed - 1)
-    used = state.used + (1 if shown.given else 0)
-    return (
-        state._replace(
-            before_us=before_us, before_rad_s=before, last_gyr_rad_s=gyr_rad_s, used=used
-        ),
-        rates[passed:].copy(),
-        shown,
-    )
+        state = state._replace(before_us=before_us, before_rad_s=before)
+    handle.rates = rates[passed:].copy()
+    handle.turning, gyr = stand_in(state, time_us, gyr_rad_s, contradicted_axes(handle))
+    return shown, gyr
 
 
 @inlined

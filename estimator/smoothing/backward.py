@@ -27,7 +27,6 @@ from estimator.live.rows import (
     rows_of,
 )
 from estimator.profile import merge_profile
-from estimator.row_taking import take
 from estimator.smoothing.field import usable_fields, without_lag
 from estimator.smoothing.path import stands_for_step
 from estimator.smoothing.recording import Estimates, Recording
@@ -54,7 +53,7 @@ def backward(recording: Recording) -> Estimates:
     for end in sorted(changes | {part.stop for part in blocks(n)}):
         mirrored = mirror(recording, times_us, begin, end, ages.field_s)
         output = np.empty((end - begin, OUTPUT_SIZE))
-        take(inner, mirrored, output, reports_between(reports, begin, end))
+        inner.take_all(mirrored, output, reports_between(reports, begin, end))
         q[begin:end], sigma[begin:end] = output[:, Q], output[:, SIGMA]
         aided[begin:end] = output[:, AIDED] > 0.0
         if end in changes:
@@ -72,11 +71,12 @@ class Ages:
     """How late the sensors are (s), as the aiding has learnt it; 0 without one."""
 
     def __init__(self, last: Estimator) -> None:
-        estimate, is_aided = last.snapshot.core.aided.estimate, last.is_aided
+        core, is_aided = last.core, last.is_aided
+        estimate = core.aided.estimate
         self.imu_s = estimate.imu_lag_s if is_aided else last.settings.aiding.imu_lag_s
         self.filter_s = estimate.filter_lag_s if is_aided else 0.0
         self.receiver_s = estimate.receiver_lag_s if is_aided else 0.0
-        self.field_s = last.snapshot.core.conditioning.field.calibration.learnt.lag_s
+        self.field_s = core.conditioning.field.calibration.learnt.lag_s
 
     def of(self, late_s: Floats) -> Floats:
         """How far behind the IMU's samples a report's time is its own (M,)."""

@@ -9,7 +9,7 @@ from estimator.conditioning.params import CONFIRM_S
 from estimator.geometry.rotations import cross, rotate, wrap
 from estimator.live.rows import blocks
 from estimator.smoothing.path import late_s
-from estimator.smoothing.recording import Recording
+from estimator.smoothing.recording import Recording, estimates_of
 from estimator.smoothing.windows import running_mean
 
 
@@ -19,7 +19,7 @@ def corrected_fields(recording: Recording) -> tuple[Floats, float]:
     It is the variance of an axis, as a share of the place's field. See
     :func:`estimator.conditioning.field.calibration.correct_field`.
     """
-    learnt = recording.last.snapshot.core.conditioning.field.calibration.learnt
+    learnt = recording.last.core.conditioning.field.calibration.learnt
     own, left = own_field(learnt)
     lag_s = late_s(recording) + learnt.lag_s
     mag = recording.rows.mag_gauss - learnt.scale * np.array(own)
@@ -39,15 +39,15 @@ def usable_fields(recording: Recording) -> Bools:
     While a field points elsewhere for long, either it or the heading may be wrong. If it points as
     usual before and behind, it was the field.
     """
-    rows, aided = recording.rows, recording.last.snapshot.core.aided
-    counts = rows.has_mag.copy()
-    at = np.flatnonzero(counts & recording.forward.is_aided)
+    rows, aided = recording.rows, recording.last.core.aided
+    counts, forward = rows.has_mag.copy(), estimates_of(recording.output)
+    at = np.flatnonzero(counts & forward.is_aided)
     if len(at) < 2:
         return counts
     off = np.zeros(len(at))
     for part in blocks(len(at)):
         mag = rows.mag_gauss[at[part]] - np.array(aided.estimate.hard_iron_gauss)
-        seen = rotate(recording.forward.q_ned_frd[at[part]], mag)
+        seen = rotate(forward.q_ned_frd[at[part]], mag)
         off[part] = np.arctan2(seen[:, 1], seen[:, 0])
     off -= np.median(off)
     median_s = 1e-6 * float(np.median(np.diff(rows.times_us[at])))

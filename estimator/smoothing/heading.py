@@ -53,7 +53,7 @@ def turn_north(
     settings = recording.last.settings
     params, north = settings.conditioning, settings.reference.magnetic_ned
     declination_rad = atan2(north[1], north[0])
-    reference = recording.last.snapshot.core.conditioning.field.magnetic.reference
+    reference = recording.last.core.conditioning.field.magnetic.reference
     mag, own_variance = corrected_fields(recording)
     seen, samples = windows.means(rotate(vertical.q_6d_frd, mag), recording.rows.has_mag)
     known = samples > 0.0

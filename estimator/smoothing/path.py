@@ -45,7 +45,7 @@ def aliased_turn(recording: Recording) -> Floats:
     """
     gyr, dt_s = recording.rows.gyr_rad_s, steps_s(recording.rows)
     at, variance = np.arange(len(gyr)), np.zeros(len(gyr))
-    clipping = recording.last.snapshot.core.gathered.clipping
+    clipping = recording.last.core.gathered.clipping
     for rate, peak in zip(gyr.T, clipping.peak_rad_s, strict=True):
         is_at_end = (np.abs(rate) >= max(peak, LEAST_PEAK_RAD_S)) & (np.diff(rate, prepend=0) == 0)
         begun = np.maximum.accumulate(np.where(is_at_end, 0, at))

@@ -5,25 +5,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Floats
+from estimator.arrays import Bools, Floats
 from estimator.estimator import Estimator
+from estimator.live.published import write
 from estimator.live.rows import (
-    AIDED,
-    BIAS,
     NO_REPORT_ROWS,
+    OUTPUT_SIZE,
     REPORT_SIZE,
-    SIGMA,
-    Q,
     Rows,
-    report_rows_of,
+    report_row_of,
 )
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.smoothing.recording import Estimates, Recording
+from estimator.smoothing.recording import Recording
 from estimator.types import RateSample, Vec3, VelocitySample
 
-# Of a sample: rate, specific force, field; of the attitude after it: q, bias, sigmas.
-WIDTHS = (3, 3, 3, 4, 3, 2)
+# Columns of a sample that it keeps itself: rate, specific force, field, whether there is one.
+READING_SIZE = 10
 
 
 class Offered(NamedTuple):
@@ -36,7 +34,8 @@ class Offered(NamedTuple):
 class Recorder(Estimator):
     """Ends a :class:`Recording` where the attitude is forgotten.
 
-    With ``offered`` its recordings are views of those arrays, and smoothing changes them.
+    With ``offered`` its recordings are views of those arrays, and smoothing changes them. Otherwise
+    it keeps copies of what it takes.
     """
 
     def __init__(
@@ -59,47 +58,39 @@ class Recorder(Estimator):
         """See :class:`Estimator`."""
         reason = super().take(time_us, gyr_rad_s, acc_m_s2, mag_gauss, has_mag)
         self._is_taken.append(reason is None)
-        if reason is None:
-            self._is_aided.append(self.is_aided)
-            if self._offered is None:
-                output = self.attitude(time_us)
-                sigma = output.sigma_inclination_rad, output.sigma_heading_rad
-                kept = (gyr_rad_s, acc_m_s2, mag_gauss, output[1], output[3], sigma)
-                for column, values in zip(self._kept, kept, strict=True):
-                    column.extend(values)
-                self._times_us.append(time_us)
-                self._has_mag.append(has_mag)
+        if reason is None and self._offered is None:
+            self._times_us.append(time_us)
+            self._readings.extend((*gyr_rad_s, *acc_m_s2, *mag_gauss, has_mag))
+            row = np.empty(OUTPUT_SIZE)
+            write(row, self.published_at(time_us), self.is_aided)
+            self._output.frombytes(row.tobytes())
         return reason
 
     def update_rows(
         self,
         rows: Rows,
-        output: Floats,
-        reports: Floats = NO_REPORT_ROWS,
+        published: Floats,
+        report_rows: Floats = NO_REPORT_ROWS,
         taken: int = 0,
         next_report: int = 0,
     ) -> tuple[int, int]:
         """See :class:`Estimator`."""
         begin, first = taken, next_report
-        taken, next_report = super().update_rows(rows, output, reports, taken, next_report)
-        self._reports.frombytes(reports[first:next_report].tobytes())
-        part = slice(begin, taken)
+        taken, next_report = super().update_rows(rows, published, report_rows, taken, next_report)
+        self._reports.frombytes(report_rows[first:next_report].tobytes())
         self._is_taken.frombytes(b"\1" * (taken - begin))
-        self._is_aided.frombytes((output[part, AIDED] > 0.0).tobytes())
         if self._offered is None:
-            times_us, *readings, has_mag = (column[part] for column in rows)
-            kept = (*readings, *(output[part, columns] for columns in (Q, BIAS, SIGMA)))
-            for column, values in zip(self._kept, kept, strict=True):
-                column.frombytes(values.tobytes())
+            times_us, *readings = (column[begin:taken] for column in rows)
             self._times_us.frombytes(times_us.tobytes())
-            self._has_mag.frombytes(has_mag.tobytes())
+            self._readings.frombytes(np.column_stack(readings).tobytes())
+            self._output.frombytes(published[begin:taken].tobytes())
         return taken, next_report
 
     def update_report(self, report: Any) -> Reason | None:
         """See :class:`Estimator`."""
         reason = super().update_report(report)
         if reason is None and isinstance(report, VelocitySample | RateSample):
-            self._reports.frombytes(report_rows_of([(0, report)]).tobytes())
+            self._reports.frombytes(report_row_of(0, report).tobytes())
         return reason
 
     def restart(self) -> None:
@@ -109,42 +100,44 @@ class Recorder(Estimator):
 
     def change_imu(self) -> None:
         """See :class:`Estimator`."""
-        self._changes.append(len(self._is_aided))
+        self._changes.append(self._is_taken.count(1))
         super().change_imu()
 
     def _begin(self) -> None:
-        self._is_taken, self._is_aided = array("b"), array("b")
-        self._times_us, self._kept = array("q"), [array("d") for _ in WIDTHS]
-        self._has_mag = array("b")
-        self._reports = array("d")
+        self._is_taken, self._times_us = array("b"), array("q")
+        self._readings, self._output, self._reports = array("d"), array("d"), array("d")
         self._changes: list[int] = []
 
     def _end(self) -> None:
         """Make a recording of what there is since the last one."""
-        if self._is_aided:
-            rows, (q, bias, sigma), places = self._taken()
-            forward = Estimates(q, sigma, np.frombuffer(self._is_aided, np.bool_))
+        is_taken = np.frombuffer(self._is_taken, np.bool_)
+        if is_taken.any():
+            places: Any = slice(None)
+            if self._offered is None:
+                rows, output = self._kept()
+            else:
+                places = places_of(is_taken, self._before)
+                rows = Rows._make(column[places] for column in self._offered.rows)
+                output = self._offered.output[places]
             reports = np.frombuffer(self._reports).reshape(-1, REPORT_SIZE)
             last = Estimator(self.profile, self.fixed_gain)
             last.snapshot = self.snapshot
-            recording = Recording(rows, self._changes, reports, forward, bias, last, places)
+            recording = Recording(rows, output, self._changes, reports, last, places)
             self._ended.append(recording)
-        self._before += len(self._is_taken)
+        self._before += len(is_taken)
         self._begin()
 
-    def _taken(self) -> tuple[Rows, tuple[Floats, ...], Any]:
-        """The readings; q, bias and sigmas; where they stand in the arrays, if there are some."""
-        offered = self._offered
-        if offered is None:
-            pairs = zip(self._kept, WIDTHS, strict=True)
-            gyr, acc, mag, *output = (np.frombuffer(c).reshape(-1, width) for c, width in pairs)
-            has_mag = np.frombuffer(self._has_mag, np.bool_)
-            times_us = np.frombuffer(self._times_us, np.int64)
-            return Rows(times_us, gyr, acc, mag, has_mag), tuple(output), slice(None)
-        is_taken = np.frombuffer(self._is_taken, np.bool_)
-        places: Any = slice(self._before, self._before + len(is_taken))
-        if not is_taken.all():
-            places = self._before + np.flatnonzero(is_taken)
-        output = offered.output[places]
-        rows = Rows(*(column[places] for column in offered.rows))
-        return rows, tuple(output[:, part] for part in (Q, BIAS, SIGMA)), places
+    def _kept(self) -> tuple[Rows, Floats]:
+        """The copies of readings and output."""
+        readings = np.frombuffer(self._readings).reshape(-1, READING_SIZE)
+        gyr, acc, mag, has_mag = np.split(readings, (3, 6, 9), axis=1)
+        times_us = np.frombuffer(self._times_us, np.int64)
+        rows = Rows(times_us, gyr, acc, mag, has_mag[:, 0] > 0.0)
+        return rows, np.frombuffer(self._output).reshape(-1, OUTPUT_SIZE)
+
+
+def places_of(is_taken: Bools, before: int) -> Any:
+    """Where the samples stand that were taken behind so many others: a slice if all were."""
+    if is_taken.all():
+        return slice(before, before + len(is_taken))
+    return before + np.flatnonzero(is_taken)

@@ -4,15 +4,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.arrays import Bools, Floats
+from estimator.arrays import Bools, Floats, Ints
 from estimator.conditioning.params import MEMORY_S
 from estimator.estimator import Estimator
 from estimator.geometry.rotations import conjugate, exp, log, multiply
-from estimator.live.rows import NO_REPORT_ROWS, Rows, blocks, cut
-
-Places = NDArray[np.int64]
+from estimator.live.rows import AIDED, BIAS, NO_REPORT_ROWS, SIGMA, Q, Rows, blocks, cut
 
 
 class Estimates(NamedTuple):
@@ -27,25 +24,34 @@ class Estimates(NamedTuple):
         return Estimates._make(column[rows] for column in self)
 
 
+def estimates_of(output: Floats) -> Estimates:
+    """Those in rows of an estimator's output (N, OUTPUT_SIZE)."""
+    return Estimates(output[:, Q], output[:, SIGMA], output[:, AIDED] > 0.0)
+
+
 class Recording(NamedTuple):
     """Readings without a restart between them, as they were taken."""
 
     rows: Rows
+    output: Floats  # (N, OUTPUT_SIZE) after each of them, see :mod:`estimator.live.rows`
     changes: Sequence[int]  # the rows from which on they are another IMU's
     reports: Floats  # (M, REPORT_SIZE) by others, in the order in which it came
-    forward: Estimates  # of the estimator at the samples
-    bias_rad_s: Floats  # (N, 3) of the gyroscope, as it was known then
     last: Estimator  # the estimator behind the last one
     places: Any = slice(None)  # of the rows among those that were offered
+
+    @property
+    def bias_rad_s(self) -> Floats:
+        """The gyroscope's bias (N, 3), as it was known then."""
+        return self.output[:, BIAS]
 
     @property
     def rate_rad_s(self) -> Floats:
         """The gyroscope's rates (N, 3) less the bias."""
         return np.asarray(self.rows.gyr_rad_s - self.bias_rad_s)
 
-    def last_rows(self, rows: Places) -> Places:
+    def last_rows(self, rows: Ints) -> Ints:
         """The last row of the same IMU, for each of these rows."""
-        ends = np.array([*self.changes, len(self.rows.times_us)])
+        ends = np.array([*self.changes, len(self.output)])
         return np.asarray(ends[np.searchsorted(ends, rows, side="right")] - 1)
 
     def look_ahead(self) -> None:
@@ -59,14 +65,8 @@ class Recording(NamedTuple):
 
     def part(self, begin: int, end: int) -> "Recording":
         """Rows from ``begin`` up to ``end``, of one IMU and without reports."""
-        rows = slice(begin, end)
-        return self._replace(
-            rows=cut(self.rows, begin, end),
-            changes=(),
-            reports=NO_REPORT_ROWS,
-            forward=self.forward.part(rows),
-            bias_rad_s=self.bias_rad_s[rows],
-        )
+        rows, output = cut(self.rows, begin, end), self.output[begin:end]
+        return self._replace(rows=rows, output=output, changes=(), reports=NO_REPORT_ROWS)
 
 
 def steps_s(rows: Rows) -> Floats:
@@ -103,24 +103,17 @@ def joined(forward: Estimates, backward: Estimates) -> Estimates:
     both = chosen(forward.is_aided & ~backward.is_aided, forward, both)
     both = chosen(backward.is_aided & ~forward.is_aided, backward, both)
     for each in (forward, backward):
-        both = chosen(known_rows(both), both, each)
+        both = chosen(known_rows(*both[:2]), both, each)
     return both
 
 
-def known_rows(estimates: Estimates) -> Bools:
+def known_rows(q_ned_frd: Floats, sigma_rad: Floats) -> Bools:
     """Whether there is an attitude with its sigmas (N,)."""
-    numbers = (estimates.q_ned_frd, estimates.sigma_rad)
-    return np.asarray(np.all([np.isfinite(each).all(axis=1) for each in numbers], axis=0))
+    return np.asarray(np.isfinite(np.hstack([q_ned_frd, sigma_rad])).all(axis=1))
 
 
 def chosen(rows: Bools, first: Estimates, second: Estimates) -> Estimates:
     """The first where ``rows`` (N,) are true, else the second."""
-    if not rows.any():
-        return second
-    if rows.all():
-        return first
-    return Estimates(
-        np.where(rows[:, None], first.q_ned_frd, second.q_ned_frd),
-        np.where(rows[:, None], first.sigma_rad, second.sigma_rad),
-        np.where(rows, first.is_aided, second.is_aided),
-    )
+    each = rows[:, None]
+    q, sigma = (np.where(each, *pair) for pair in zip(first[:2], second[:2], strict=True))
+    return Estimates(q, sigma, np.where(rows, first.is_aided, second.is_aided))

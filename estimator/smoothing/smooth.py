@@ -1,7 +1,7 @@
 """The smoothed attitude of a recording: both ways joined, and the unaided spans piece by piece."""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -11,12 +11,19 @@ from estimator.conditioning.field.magnetic import has_heading
 from estimator.conditioning.params import LONG_S, QUICK_S
 from estimator.conditioning.rate import FAST_STEP_S
 from estimator.geometry.rotations import about_down, conjugate, cross, heading_of, multiply, rotate
-from estimator.live.rows import BIAS, RATE, SIGMA, Q
+from estimator.live.rows import OUTPUT_SIZE, RATE, SIGMA, Q
 from estimator.smoothing.backward import backward
 from estimator.smoothing.heading import turn_north
 from estimator.smoothing.path import late_s, path_of
 from estimator.smoothing.recorder import Recorder
-from estimator.smoothing.recording import Estimates, Recording, join, known_rows, steps_s
+from estimator.smoothing.recording import (
+    Estimates,
+    Recording,
+    estimates_of,
+    join,
+    known_rows,
+    steps_s,
+)
 from estimator.smoothing.vertical import level
 from estimator.smoothing.windows import windows_of
 
@@ -27,33 +34,24 @@ LEAST_SAMPLES = 50
 PIECE_S, MARGIN_S = 600.0, 100.0
 
 
-class Smoothed(NamedTuple):
-    """N attitudes by the whole recording."""
+def smooth(recording: Recording) -> None:
+    """Put into the recording's output what came before and behind each sample shows.
 
-    q_ned_frd: Floats  # (N, 4)
-    sigma_rad: Floats  # (N, 2) angles that 68 % of the errors of inclination and heading lie under
-    rate_rad_s: Floats  # (N, 3) less the bias, FRD
-    bias_rad_s: Floats  # (N, 3)
-
-
-def smooth(recording: Recording) -> Smoothed:
-    """The attitudes at the samples, by what came before and behind each.
-
-    Fast streams without velocity are averaged both ways along the gyroscope's path. Elsewhere, and
-    in vehicles between holes, where that average is short, the estimator goes over the recording
-    once more, backward, and both estimates are joined. The recording's attitudes and bias are
-    changed.
+    That is attitude, sigmas, rate and bias; the other columns stay. Fast streams without velocity
+    are averaged both ways along the gyroscope's path. Elsewhere, and in vehicles between holes,
+    where that average is short, the estimator goes over the recording once more, backward, and both
+    estimates are joined.
     """
     recording.look_ahead()
-    best, n = recording.forward, len(recording.bias_rad_s)
-    if n >= LEAST_SAMPLES:
+    output, best = recording.output, estimates_of(recording.output)
+    if len(output) >= LEAST_SAMPLES:
         is_joined = of_both_ways(recording)
         if is_joined.any() or len(recording.reports):
             best = join(best, backward(recording))
             is_joined |= best.is_aided
         if not is_joined.all():
             put_unaided(recording, ~is_joined, best)
-    return Smoothed(best.q_ned_frd, best.sigma_rad, recording.rate_rad_s, recording.bias_rad_s)
+    output[:, Q], output[:, SIGMA], output[:, RATE] = *best[:2], recording.rate_rad_s
 
 
 def of_both_ways(recording: Recording) -> Bools:
@@ -72,10 +70,11 @@ def put_unaided(recording: Recording, rows: Bools, into: Estimates) -> None:
     """Put the estimates of these samples (N,), piece by piece, in the place of others."""
     for begin, end, first, last in pieces(recording):
         if last - first >= LEAST_SAMPLES and rows[begin:end].any():
-            found = of_piece(recording.part(first, last)).part(slice(begin - first, end - first))
-            known = rows[begin:end] & known_rows(found)
-            into.q_ned_frd[begin:end][known] = found.q_ned_frd[known]
-            into.sigma_rad[begin:end][known] = found.sigma_rad[known]
+            inner = slice(begin - first, end - first)
+            q, sigma = (each[inner] for each in of_piece(recording.part(first, last)))
+            known = rows[begin:end] & known_rows(q, sigma)
+            into.q_ned_frd[begin:end][known] = q[known]
+            into.sigma_rad[begin:end][known] = sigma[known]
 
 
 def pieces(recording: Recording) -> Iterator[tuple[int, int, int, int]]:
@@ -97,43 +96,42 @@ def pieces(recording: Recording) -> Iterator[tuple[int, int, int, int]]:
         before = end
 
 
-def of_piece(recording: Recording) -> Estimates:
-    """The gyroscope's path levelled and turned to north, of samples without a hole."""
+def of_piece(recording: Recording) -> tuple[Floats, Floats]:
+    """The gyroscope's path levelled and turned to north (N, 4), and both sigmas (N, 2).
+
+    Between the samples is no hole.
+    """
     last, path = recording.last, path_of(recording)
     windows = windows_of(path.time_s)
     acc = recording.rows.acc_m_s2  # each at the attitude of its own time
     felt_g = rotate(path.q_g_frd, acc - late_s(recording) * cross(path.rate_rad_s, acc))
     vertical = level(last, windows, path, -felt_g)
-    magnetic = last.snapshot.core.conditioning.field.magnetic
+    magnetic = last.core.conditioning.field.magnetic
     if has_heading(magnetic) and recording.rows.has_mag.any():
         q_ned_frd, heading_rad = turn_north(recording, windows, path, vertical)
     else:
         # without a field nothing but the way forward shows the heading
-        before = recording.forward
+        before = estimates_of(recording.output)
         heading = heading_of(multiply(before.q_ned_frd, conjugate(vertical.q_6d_frd)))
         q_ned_frd = multiply(about_down(heading), vertical.q_6d_frd)
         heading_rad = before.sigma_rad[:, 1]
     shown = np.hypot(heading_rad, last.unshown_iron_rad)
     heading_rad = np.minimum(shown, np.maximum(heading_rad, UNKNOWN_RAD))
-    sigma = np.stack([vertical.sigma_rad, heading_rad], axis=-1)
-    return Estimates(q_ned_frd, sigma, recording.forward.is_aided)
+    return q_ned_frd, np.stack([vertical.sigma_rad, heading_rad], axis=-1)
 
 
 def smooth_offered(recorder: Recorder, output: Floats) -> Iterator[Any]:
     """Put smoothed attitudes into the rows that a recorder was offered with its samples; which."""
     for recording in recorder.recordings():
-        smoothed = smooth(recording)
-        for part, column in zip((Q, SIGMA, RATE, BIAS), smoothed, strict=True):
-            output[recording.places, part] = column
+        smooth(recording)
+        output[recording.places] = recording.output
         yield recording.places
 
 
-def smooth_all(recorder: Recorder) -> tuple[Times, Smoothed]:
-    """Times (us) and smoothed attitudes of all that a recorder has taken."""
+def smooth_all(recorder: Recorder) -> tuple[Times, Floats]:
+    """Times (us) and smoothed output (N, OUTPUT_SIZE) of all that a recorder has taken."""
     recordings = recorder.recordings()
-    if len(recordings) == 1:
-        return recordings[0].rows.times_us, smooth(recordings[0])
-    parts = [Smoothed(*(np.zeros((0, n)) for n in (4, 2, 3, 3)))]
-    parts += [smooth(recording) for recording in recordings]
+    for recording in recordings:
+        smooth(recording)
     times_us = np.concatenate([np.zeros(0, np.int64), *(r.rows.times_us for r in recordings)])
-    return times_us, Smoothed(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    return times_us, np.concatenate([np.zeros((0, OUTPUT_SIZE)), *(r.output for r in recordings)])

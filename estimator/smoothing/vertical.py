@@ -65,7 +65,7 @@ def best_length_s(last: Estimator, felt: Floats, turned: Floats) -> float:
         turned = turned[0:pairs:2] + turned[1:pairs:2]
     all_of_them: Any = tuple(octaves)
     seen = Averaging(octaves=all_of_them, windows=count, moved_s=WINDOW_S * count)
-    p = last.snapshot.core.conditioning.vertical.estimate.covariance
+    p = last.core.conditioning.vertical.estimate.covariance
     return best_window(last.settings.conditioning, seen, (p[0] + p[4] + p[7]) / 3.0)[0]
 
 

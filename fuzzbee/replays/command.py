@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
@@ -17,18 +17,16 @@ from fuzzbee import outputs
 from fuzzbee.notify import print_line
 
 if TYPE_CHECKING:
-    from drivers.logs.time_window import TimeWindow
     from estimator.profile import Profile
-    from fuzzbee.replays.log_report import Export
+    from fuzzbee.replays.trace import How, VehicleTrace
+    from fuzzbee.viewer.viewer import ViewerSink
 
 MOST_WRONG_DEG = 180.0
 EXPORTS = ("csv", "mcap", "tum", "parquet")  # each written by its write_NAME
-FOR_LOGS = {
-    "smooth": "",
-    "retune": ": the paper's experiment ends after 15 s",
-    "skip start_wrong": "; sim: starts wrong by itself",
-    "begin end mcap tum parquet view rrd columns": ", not for sim:",
-}
+FOR_LOGS = (
+    *("smooth", "retune", "skip", "start_wrong", "begin", "end", "columns"),
+    *("mcap", "tum", "parquet", "view", "rrd"),
+)
 _SMOOTH = "The attitude that the whole log shows, not only what came before."
 
 score = partial(opt.option, rich_help_panel="Score")
@@ -45,7 +43,6 @@ EPILOG = opt.examples(
 )
 
 
-@opt.form
 class ReplayOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
@@ -99,20 +96,9 @@ def replay(options: ReplayOptions) -> None:
     """Estimate over logs and score it against a reference."""
     _require_numbers(options)
     if opt.SIMULATION in options.sources:
-        if len(options.sources) > 1:
-            raise InputError("replay: sim: stands alone, not beside logs")
-        if len(options.profile or ()) > 1:
-            raise InputError("replay: sim: takes one --profile")
-        for names, why in FOR_LOGS.items():
-            for flag in opt.asked_for(options, *names.split()):
-                raise InputError(f"{flag} is for logs{why}")
         _replay_simulation(options)
-        return
-    if options.smooth and options.retune:
-        raise InputError("--smooth looks at the whole log, --retune goes along it: one of both")
-    if options.seeds is not None:
-        raise InputError("--seeds goes with sim: only")
-    _replay_logs(options)
+    else:
+        _replay_logs(options)
 
 
 def _require_numbers(options: ReplayOptions) -> None:
@@ -134,10 +120,8 @@ def _require_numbers(options: ReplayOptions) -> None:
             )
 
 
-def _exports(
-    options: ReplayOptions, inputs: "Iterable[str | Path | None]", writers: "dict[str, Any]"
-) -> list[Any]:
-    """The writers that are wanted, by their flags; what cannot be written is refused first."""
+def _require_files(options: ReplayOptions, inputs: "Iterable[str | Path | None]") -> None:
+    """Refuse what cannot be written, before any work."""
     from fuzzbee.replays.exports import reference_path
     from fuzzbee.replays.figure import require_plot
 
@@ -159,103 +143,108 @@ def _exports(
         raise InputError(f"--parquet {options.parquet}: needs pyarrow: pip install pyarrow")
     if options.plot is not None:
         require_plot(options.plot)
-    return [partial(writers[flag], path) for flag, path in written.items() if flag in writers]
 
 
 def _replay_logs(options: ReplayOptions) -> None:
     from estimator.profile import load_profile
-    from fuzzbee.replays import exports, plot
+    from fuzzbee.replays.table import reading_bar
+    from fuzzbee.replays.trace import How
 
-    names, window = options.profile or ["imu"], opt.time_window(options.begin, options.end)
+    if options.smooth and options.retune:
+        raise InputError("--smooth looks at the whole log, --retune goes along it: one of both")
+    if options.seeds is not None:
+        raise InputError("--seeds goes with sim: only")
+    names = [*dict.fromkeys(options.profile or ["imu"])]
     count = len(options.sources) * len(names)
-    writers: dict[str, Any] = {f"--{name}": getattr(exports, f"write_{name}") for name in EXPORTS}
-    if count == 1:
-        writers["--plot"] = partial(plot.draw, Path(options.sources[0]).name)
-    else:  # whose figure is one
-        for flag, file in opt.asked_for(options, *EXPORTS, "view", "rrd").items():
+    for flag, file in opt.asked_for(options, *EXPORTS, "view", "rrd").items():
+        if count > 1:
             raise InputError(f"{flag} {file}: takes one log and one profile, not {count}")
-    wanted = _exports(options, [*options.sources, *names, options.columns], writers)
+    _require_files(options, [*options.sources, *names, options.columns])
+    window = opt.time_window(options.begin, options.end)
     profiles = {name: load_profile(name) for name in names}
+    way = (options.gain, options.system_id, options.start_wrong, options.retune, options.smooth)
+    how = How(*way, options.columns, window, reading_bar, fits_built_in=not options.profile)
     viewer = outputs.open_viewer(options.view, options.rrd)
     if viewer is None:
-        _report_logs(options, profiles, window, wanted)
+        _report_logs(options, profiles, how)
         return
     with closing(viewer):
-        _report_logs(options, profiles, window, [*wanted, partial(exports.show, viewer)])
+        _report_logs(options, profiles, how, viewer)
         viewer.stay_open()
 
 
 def _report_logs(
     options: ReplayOptions,
     profiles: "dict[str, Profile]",
-    window: "TimeWindow",
-    exports: "list[Export]",
+    how: "How",
+    viewer: "ViewerSink | None" = None,
 ) -> None:
-    from fuzzbee.replays.log_report import report_log
+    import msgspec
+
     from fuzzbee.replays.plot import ComparisonPlot
-    from fuzzbee.replays.table import print_reports, reading_bar
-    from fuzzbee.replays.trace import How
+    from fuzzbee.replays.score import report_log
+    from fuzzbee.replays.table import print_reports
 
     runs = [(Path(source), name) for source in options.sources for name in profiles]
-    chosen = [
-        profiles[name] if options.profile else _fitting(path, profiles[name], options)
-        for path, name in runs
-    ]
     lines: list[str] = []  # printed when all went well only: a refusal must be one single line
-    way = (options.gain, options.system_id, options.start_wrong, options.retune, options.smooth)
-    how = How(*way, options.columns, window, lines.append, reading_bar)
-    figure = ComparisonPlot() if options.plot and len(runs) > 1 else None
-    reports = [
-        report_log(
-            path,
-            profile,
-            how,
-            reference=options.reference,
-            skip_s=options.skip,
-            profile_name=name if len(profiles) > 1 else None,
-            exports=[*exports, partial(figure.add, path.name, name)] if figure else exports,
-        )
-        for (path, name), profile in zip(runs, chosen, strict=True)
-    ]
-    if figure is not None and options.plot is not None:
+    figure, reports = ComparisonPlot(), []
+    for path, name in runs:
+        trace, report = report_log(path, profiles[name], how, options.reference, options.skip)
+        if len(profiles) > 1:
+            report = msgspec.structs.replace(report, profile=name)
+        reports.append(report)
+        who = path.name if len(profiles) == 1 else f"{path.name} with {name}"
+        lines += [f"{who}: {line}" for line in trace.lines]
+        if len(runs) == 1:
+            _export(options, trace, viewer)
+        elif options.plot is not None:
+            figure.add(name, trace)
+    if len(runs) > 1 and options.plot is not None:
         figure.draw(options.plot)
     for line in lines:
         print_line(line)
     if options.as_json:
-        _print_json(reports[0] if len(reports) == 1 else {"logs": reports})
+        result = reports[0] if len(reports) == 1 else {"logs": reports}
+        print(msgspec.json.encode(result).decode())
     else:
         print_reports(reports)
 
 
-def _fitting(path: Path, usual: "Profile", options: ReplayOptions) -> "Profile":
-    """The profile for a log for which none was chosen: that of fuzzbee's own vehicle's motion."""
-    from drivers.logs.open import built_in_motion, open_log
-    from drivers.simulation.simulated_vehicle import PROFILES
-    from estimator.profile import load_profile
+def _export(options: ReplayOptions, trace: "VehicleTrace", viewer: "ViewerSink | None") -> None:
+    from fuzzbee.replays import exports, plot
 
-    with open_log(path, options.columns) as log:
-        name = PROFILES.get(built_in_motion(log) or "")
-    return usual if name is None else load_profile(name)
+    for name in EXPORTS:
+        if (path := getattr(options, name)) is not None:
+            getattr(exports, f"write_{name}")(path, trace)
+    if options.plot is not None:
+        plot.draw(options.plot, trace)
+    if viewer is not None:
+        exports.show(viewer, trace)
 
 
 def _replay_simulation(options: ReplayOptions) -> None:
+    import msgspec
+
     from estimator.profile import load_profile
     from fuzzbee.replays import simulation
     from fuzzbee.replays.table import print_simulation
 
+    if len(options.sources) > 1:
+        raise InputError("replay: sim: stands alone, not beside logs")
+    if len(options.profile or ()) > 1:
+        raise InputError("replay: sim: takes one --profile")
+    for flag in opt.asked_for(options, *FOR_LOGS):
+        raise InputError(f"{flag} is for logs, not for sim:")
+    _require_files(options, options.profile or ())
     name, seeds, gain = (options.profile or ["paper"])[0], options.seeds or "0", options.gain
-    what = f"profile {Path(name).stem}" if gain is None else f"K = {gain:g}"
-    title = f"The paper's experiment, {what}, noise seeds {seeds}"
-    writers = {"--csv": simulation.write_csv, "--plot": partial(simulation.draw, title)}
-    exports = _exports(options, options.profile or (), writers)
-    report = simulation.report_simulation(load_profile(name), opt.seed_range(seeds), gain, exports)
+    report, results = simulation.report_simulation(load_profile(name), opt.seed_range(seeds), gain)
+    if options.csv is not None:
+        simulation.write_csv(options.csv, results)
+    if options.plot is not None:
+        what = f"profile {Path(name).stem}" if gain is None else f"K = {gain:g}"
+        title = f"The paper's experiment, {what}, noise seeds {seeds}"
+        simulation.draw(title, options.plot, results)
     if options.as_json:
-        _print_json(report)
+        print(msgspec.json.encode(report).decode())
     else:
         print_simulation(report)
-
-
-def _print_json(result: object) -> None:
-    import msgspec
-
-    print(msgspec.json.encode(result).decode())

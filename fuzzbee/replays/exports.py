@@ -26,9 +26,11 @@ from drivers.logs.table import blocks
 from drivers.output_file import written_for
 from estimator.arrays import Floats, Times
 from estimator.live.rows import NORTHS
+from estimator.types import Attitude, ImuSample
 from fuzzbee.attitudes import enu_flu, euler_curves_deg
 from fuzzbee.replays.trace import VehicleTrace
-from service.records import Output, Peer, Published
+from service.publishing import attitude_record
+from service.records import AttitudeRecord, Published
 from service.sinks.ros_messages import imu_message
 
 if TYPE_CHECKING:
@@ -232,7 +234,7 @@ def _messages(trace: VehicleTrace, tables: dict[str, list[str]]) -> Iterator[Mes
         times_us = stamps[rows].tolist()
         poses = (enu_flu(trace[name][rows]) for name in ("q_ned_frd", "reference_q_ned_frd"))
         own = zip(*(column.tolist() for column in part.values()), strict=True)
-        each = zip(times_us, own, *poses, trace.published(rows, times_us), strict=True)
+        each = zip(times_us, own, *poses, published(trace, rows, times_us), strict=True)
         for time_us, values, pose, beside, (record, sample) in each:
             row = dict(zip(part, values, strict=True))
             for topic, names in tables.items():
@@ -251,6 +253,26 @@ def _messages(trace: VehicleTrace, tables: dict[str, list[str]]) -> Iterator[Mes
                 yield "/imu", time_us, imu_message(record, sample.acc_m_s2, BODY)
 
 
+def published(
+    trace: VehicleTrace, rows: slice, stamps_us: Iterable[int]
+) -> Iterator[tuple[AttitudeRecord | None, ImuSample]]:
+    """What the service would have published with samples, whose Unix times are given."""
+    attitudes, samples = (_values(trace, kind, rows) for kind in (Attitude, ImuSample))
+    for attitude, sample, unix_us in zip(attitudes, samples, stamps_us, strict=True):
+        times = {"time_unix_us": unix_us, "time_boot_us": sample.time_us}
+        yield attitude_record(attitude, sequence=0, **times), sample
+
+
+def _values(trace: VehicleTrace, kind: Any, rows: slice) -> Iterator[Any]:
+    """The attitudes or the samples of some rows as the estimator has them."""
+    columns = []
+    for name in kind._fields:
+        found = trace[name][rows]
+        values = np.array(NORTHS)[found] if name == "heading_reference" else found
+        columns.append(map(tuple, values.tolist()) if values.ndim > 1 else values.tolist())
+    return map(kind, *columns)
+
+
 def show(viewer: "ViewerSink", trace: VehicleTrace) -> None:
     """Draw what the service would have published at the samples, and the attitudes by others.
 
@@ -259,13 +281,13 @@ def show(viewer: "ViewerSink", trace: VehicleTrace) -> None:
     for rows in blocks(len(trace)):
         times_us, arrivals_us = trace["time_us"][rows], trace["arrival_us"][rows].tolist()
         peers = {name: track.at(times_us).tolist() for name, track in trace.references.items()}
-        for k, (record, sample) in enumerate(trace.published(rows, arrivals_us)):
+        for k, (record, sample) in enumerate(published(trace, rows, arrivals_us)):
             if not viewer.is_wanted:  # on a full disk, reported at the end
                 viewer.finish()
                 return
-            others: list[Any] = [(name, tuple(attitudes[k])) for name, attitudes in peers.items()]
-            outputs: list[Output] = [Peer(trace.address, *o) for o in others if not isnan(o[1][0])]
             if record is not None:
+                others: Any = ((name, tuple(attitudes[k])) for name, attitudes in peers.items())
+                known = tuple(other for other in others if not isnan(other[1][0]))
                 with suppress(ConnectionError):  # the viewer was closed: a file may still be wanted
-                    viewer.handle([*outputs, Published(trace.address, record, sample)])
+                    viewer.handle([Published(trace.address, record, sample, peers=known)])
     viewer.finish()

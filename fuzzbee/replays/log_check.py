@@ -15,7 +15,6 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from drivers.logs.open import open_log
 from drivers.logs.other_sensors import vibrations
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from estimator.arrays import Floats
@@ -24,11 +23,10 @@ from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import Vec3
 from fuzzbee.notify import printable
-from fuzzbee.replays.log_report import refused_text, replay_log
 from fuzzbee.replays.report import DifferenceSummary
 from fuzzbee.replays.score import by_name, differences_of, verdicts
 from fuzzbee.replays.table import difference_text
-from fuzzbee.replays.trace import How, VehicleTrace
+from fuzzbee.replays.trace import How, VehicleTrace, replay_log
 from service.alarms import Alarm
 
 CLIPPED = {
@@ -106,8 +104,8 @@ def check_log(path: Path, profile: Profile, window: TimeWindow) -> Checked:
         vibration=vibration(trace),
         clipped={what: n for what, why in CLIPPED.items() if (n := trace.rejected[why])},
         warnings=by_name(warned_s),
-        refused=refused_text(trace) or "",
-        autopilot_vibration=_own_vibration(path, trace, window),
+        refused=trace.refused,
+        autopilot_vibration=_own_vibration(trace, window),
     )
 
 
@@ -120,10 +118,9 @@ def vibration(trace: VehicleTrace) -> Vibration | None:
     return Vibration(*_exceeded(np.sqrt(square)))
 
 
-def _own_vibration(path: Path, trace: VehicleTrace, window: TimeWindow) -> OwnVibration | None:
+def _own_vibration(trace: VehicleTrace, window: TimeWindow) -> OwnVibration | None:
     """The autopilot's own figures, in the window alone if there is one."""
-    with open_log(path) as log:
-        readings = [*vibrations(log, trace.address, trace.kind[0])]
+    readings = [*vibrations(trace.log, trace.address, trace.kind[0])]
     if window != WHOLE_LOG:
         begin_us, end_us = trace["arrival_us"][[0, -1]].tolist()
         readings = [each for each in readings if begin_us <= each.arrival_us <= end_us]

@@ -60,7 +60,7 @@ class Thinned:
         return np.insert(np.asarray(found), self._breaks, np.nan, axis=0)
 
 
-def draw(title: str, path: Path, trace: VehicleTrace) -> None:
+def draw(path: Path, trace: VehicleTrace) -> None:
     """Draw a trace that has been compared into a file; its suffix is the format."""
     time_s, points = trace.time_s, Thinned(trace.time_s)
     span = (float(time_s[0]), max(float(time_s[-1]), time_s[0] + 1e-3))
@@ -72,7 +72,7 @@ def draw(title: str, path: Path, trace: VehicleTrace) -> None:
         look = {"color": "tab:green", "label": "autopilot", "lw": 0.9, "ls": "--"}
         shown["autopilot_q_ned_frd"] = look
     shown["q_ned_frd"] = {"color": "tab:orange", "label": "estimate"}
-    with written_figure(path, title, PAGE_INCHES, is_over_log=True) as sheet:
+    with written_figure(path, trace.log.path.name, PAGE_INCHES, is_over_log=True) as sheet:
         axes = sheet.subplots(8, 1, subplot_kw={"xlim": span})
         for name, look in shown.items():
             draw_angles(axes[:3], points.time_s, points.every(trace[name]), **look)
@@ -169,14 +169,14 @@ class ComparisonPlot:
         # by the log and by what an angle to its reference is
         self._rows: dict[tuple[str, str], list[tuple[str, Floats, Floats]]] = {}
 
-    def add(self, log: str, profile: str, trace: VehicleTrace) -> None:
+    def add(self, profile: str, trace: VehicleTrace) -> None:
         """Take one replay."""
         errors, points = np.degrees(trace["error_rad"]), Thinned(trace.time_s)
         if not trace.has_heading:
             errors[:, 1] = np.nan  # a heading from nowhere has no error
         line = (profile, points.time_s, points.largest(errors))
         word = ERROR_WORDS.get(trace.reference or "", "error")
-        self._rows.setdefault((log, word), []).append(line)
+        self._rows.setdefault((trace.log.path.name, word), []).append(line)
 
     def draw(self, path: Path) -> None:
         """Write the figure."""

@@ -1,13 +1,16 @@
-"""How near a replayed estimate is to a reference, and all that a log's report has."""
+"""How near a replayed estimate is to a reference: the figures of ``replay LOG``."""
 
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from drivers.logs.reference_track import attitudes_at
 from drivers.logs.table import blocks
 from drivers.mavlink.constants import enum_name
 from estimator.arrays import Bools, Floats, Times
@@ -16,18 +19,49 @@ from estimator.filter.alignment import nearest_rotation
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.rotations import cross, rotate_inverse
 from estimator.live.rows import NORTHS
+from estimator.profile import Profile
 from estimator.types import DOWN
 from fuzzbee.attitudes import PLACE
 from fuzzbee.notify import printable
 from fuzzbee.replays import report
 from fuzzbee.replays.motion import motion_mask
-from fuzzbee.replays.trace import VehicleTrace
+from fuzzbee.replays.trace import AS_LIVE, How, VehicleTrace, replay_log
 from tuning.online.retuner import RetunedEstimator
 
 CONVERGED_RAD = np.radians(5.0)
 
 
-def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:
+def report_log(
+    path: Path,
+    profile: Profile,
+    how: How = AS_LIVE,
+    reference: str | None = None,
+    skip_s: float = 0.0,
+) -> tuple[VehicleTrace, report.LogReport]:
+    """Replay a log, compare it and score it.
+
+    Raises:
+        InputError: the log cannot be replayed, lacks the reference, or ends before ``skip_s``.
+    """
+    started = time.perf_counter()
+    trace = replay_log(path, profile, how)
+    compare(trace, reference)
+    found = score(trace, skip_s)
+    if how.start_wrong_deg:
+        other = how._replace(system_id=trace.address.system_id, start_wrong_deg=0.0)
+        right = replay_log(path, profile, other)
+        # When nothing is left of a wrong start, beside the attitude without it: beside the truth
+        # it would count what is learnt of the declination or the vertical meanwhile. Another IMU
+        # may stand in after a turn: at other times.
+        since = int(np.searchsorted(trace["time_us"], trace.turned_at_us or 0))
+        times_us, q = trace["time_us"][since:], trace["q_ned_frd"][since:]
+        beside = attitudes_at(times_us, right["time_us"], right["q_ned_frd"])
+        forgotten_s = convergence_s(times_us, batch_angle_errors(q, beside)[:, 0])
+        found = replace(found, convergence_s=forgotten_s)
+    return trace, replace(found, wall_s=time.perf_counter() - started)
+
+
+def compare(trace: VehicleTrace, wanted: str | None) -> None:
     """Put the wanted reference, or the best there is, beside the trace, whose ``reference`` it is.
 
     Columns: ``reference_q_ned_frd`` (N, 4) and ``error_rad`` (N, 3: total, heading, inclination),
@@ -35,42 +69,42 @@ def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:
     """
     if wanted is not None and wanted not in trace.available:
         raise InputError(
-            f"{path}: no reference '{wanted}' for vehicle {trace.address.system_id}"
+            f"{trace.log.path}: no reference '{wanted}' for vehicle {trace.address.system_id}"
             f" (there is: {', '.join(trace.available) or 'none'})"
         )
     trace.reference = wanted or next(iter(trace.available), None)
-
-    parts = [*blocks(len(trace))]
-
-    def errors(of: str) -> Iterator[Floats]:
-        names = (of, "reference_q_ned_frd")  # not mapped for longer than a part takes
-        return (batch_angle_errors(*(trace[name][rows] for name in names)) for rows in parts)
-
     source = trace.reference or "sim"  # which has none then
-    trace.put("reference_q_ned_frd", (_attitudes(trace, source, rows) for rows in parts))
-    trace.put("error_rad", errors("q_ned_frd"))
+    trace.put("reference_q_ned_frd", _attitudes(trace, source))
+    trace.put("error_rad", _errors(trace, "q_ned_frd"))
     if trace.has_peer:
-        trace.put("autopilot_q_ned_frd", (_attitudes(trace, "autopilot", rows) for rows in parts))
-        trace.put("autopilot_error_rad", errors("autopilot_q_ned_frd"))
+        trace.put("autopilot_q_ned_frd", _attitudes(trace, "autopilot"))
+        trace.put("autopilot_error_rad", _errors(trace, "autopilot_q_ned_frd"))
 
 
-def _attitudes(trace: VehicleTrace, source: str, rows: slice) -> Floats:
-    """``q_ned_frd`` (N, 4) of the IMU; NaN where it is not known.
+def _attitudes(trace: VehicleTrace, source: str) -> Iterator[Floats]:
+    """``q_ned_frd`` (N, 4) of the IMU, in parts; NaN where it is not known.
 
     The autopilot reports on the vehicle, or what its pilot is to see; the simulator's truth is the
     IMU's own.
     """
     track, view = trace.references[source], trace.vehicle.parameters.view
-    shown = track.at(trace["time_us"][rows])
-    if source == "autopilot" and track.message is not None and not view.is_imus:
+    message, is_view = track.message or "", source == "autopilot" and not view.is_imus
+    for rows in blocks(len(trace)):
+        shown = track.at(trace["time_us"][rows])
         ours = trace["q_ned_frd"][rows]
-        for k in np.flatnonzero(np.isfinite(shown[:, 0])).tolist():
+        for k in np.flatnonzero(np.isfinite(shown[:, 0])).tolist() if is_view else ():
             pair = tuple(shown[k].tolist()), tuple(ours[k].tolist())
-            shown[k] = view.of_imu(track.message, *pair) or np.nan
-    return shown
+            shown[k] = view.of_imu(message, *pair) or np.nan
+        yield shown
 
 
-def score(path: Path, trace: VehicleTrace, skip_s: float) -> report.LogReport:
+def _errors(trace: VehicleTrace, of: str) -> Iterator[Floats]:
+    """The errors (N, 3) of a column's attitudes, in parts."""
+    for rows in blocks(len(trace)):
+        yield batch_angle_errors(trace[of][rows], trace["reference_q_ned_frd"][rows])
+
+
+def score(trace: VehicleTrace, skip_s: float) -> report.LogReport:
     """The figures of a trace that has been compared."""
     times_us, norths = trace["time_us"], trace["heading_reference"]
     begin_s, end_s = trace.time_s[[0, -1]].tolist()
@@ -79,7 +113,8 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> report.LogReport:
     counted = ~np.isnan(total_rad)
     counted[: int(np.searchsorted(times_us, times_us[0] + 1e6 * skip_s))] = False
     if skip_s > 0.0 and not counted.any():
-        raise InputError(f"{path}: nothing is left to score after {skip_s:g} s of {lasts_s:.0f} s")
+        what = f"nothing is left to score after {skip_s:g} s of {lasts_s:.0f} s"
+        raise InputError(f"{trace.log.path}: {what}")
     moved = motion_mask(trace) if counted.any() else counted
     has_heading = norths > PLACE["none"]
     peers = {}
@@ -91,7 +126,7 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> report.LogReport:
     names = (None if number is None else enum_name(enum, number) for enum, number in kinds)
     counts = zip(NORTHS, np.bincount(norths[counted], minlength=len(NORTHS)).tolist(), strict=True)
     return report.LogReport(
-        source=printable(str(path)),
+        source=printable(str(trace.log.path)),
         vehicle=report.VehicleSummary(*trace.address, *names),
         imu=_imu_summary(trace),
         duration_s=lasts_s,

@@ -1,7 +1,7 @@
 """The paper's experiment over several noise seeds: its figures, every sample, the paper's plots."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -19,49 +19,45 @@ from fuzzbee.replays.report import ImuSummary, SimulationReport, VehicleSummary
 from fuzzbee.replays.score import CONVERGED_RAD, error_summary
 from tuning.paper_experiment import SETTLED_ERROR, ExperimentResult, run_experiment
 
-Results = Sequence[ExperimentResult]
+Results = dict[int, ExperimentResult]  # by the noise seed
 
 FIGURE_INCHES = (7.1, 7.6)  # the width of a page's text
 TRANSIENT_S = 1.0
 # What is drawn of the seeds: the middle one, the middle half, nine in ten.
 MEDIAN, BANDS = 50.0, ((5.0, 95.0, 0.18), (25.0, 75.0, 0.35))
 LEAST_SHOWN_ERROR = 1e-5
-Export = Callable[[Sequence[int], Results], None]
 
 
 def report_simulation(
-    profile: Profile,
-    seeds: Sequence[int],
-    fixed_gain: float | None,
-    exports: Sequence[Export],
-) -> SimulationReport:
-    """Run all seeds, and hand them to the exports. Errors in degrees are over all their samples."""
+    profile: Profile, seeds: Sequence[int], fixed_gain: float | None
+) -> tuple[SimulationReport, Results]:
+    """Run all seeds. Errors in degrees are over all their samples."""
     started = time.perf_counter()
-    results = [run_experiment(profile, seed, fixed_gain) for seed in seeds]
-    for export in exports:
-        export(seeds, results)
-    errors = [batch_angle_errors(r.estimates, r.truth) for r in results]
+    results = {seed: run_experiment(profile, seed, fixed_gain) for seed in seeds}
+    costs, steady_errors, settling_s, mean_gains, *_ = zip(*results.values(), strict=True)
+    errors = [batch_angle_errors(r.estimates, r.truth) for r in results.values()]
     all_errors = np.concatenate(errors)
     everywhere = np.ones(len(all_errors), np.bool_)
     below = [np.flatnonzero(each[:, 0] < CONVERGED_RAD) for each in errors]
-    converged = [i[0] / COST_RATE_HZ if len(i) else np.inf for i in below]
+    converged_s = [i[0] / COST_RATE_HZ if len(i) else np.inf for i in below]
     samples, hz = len(all_errors), COST_RATE_HZ
-    return SimulationReport(
+    report = SimulationReport(
         source=SIMULATION,
         vehicle=VehicleSummary(1, 1, None, None),
         imu=ImuSummary("RAW_IMU", samples, {"RAW_IMU": samples}, hz, hz, 1.0 / hz, None),
         duration_s=(COST_SAMPLES - 1) / hz,
         reference="sim",
         error_deg=error_summary(all_errors, everywhere, everywhere),
-        convergence_s=_median(converged),
-        mean_gain=float(np.mean([r.mean_gain for r in results])),
+        convergence_s=_median(converged_s),
+        mean_gain=float(np.mean(mean_gains)),
         wall_s=time.perf_counter() - started,
         seeds=(seeds[0], seeds[-1]),
-        cost=float(np.mean([r.cost for r in results])),
-        cost_per_seed=[r.cost for r in results],
-        steady_state_error=float(np.mean([r.steady_state_error for r in results])),
-        settling_s=_median([r.settling_s for r in results]),
+        cost=float(np.mean(costs)),
+        cost_per_seed=[*costs],
+        steady_state_error=float(np.mean(steady_errors)),
+        settling_s=_median(settling_s),
     )
+    return report, results
 
 
 def _median(times_s: Sequence[float]) -> float | None:
@@ -70,13 +66,13 @@ def _median(times_s: Sequence[float]) -> float | None:
     return median_s if isfinite(median_s) else None
 
 
-def write_csv(path: Path, seeds: Sequence[int], results: Results) -> None:
+def write_csv(path: Path, results: Results) -> None:
     """A row for every sample of every seed.
 
     ``error`` is the true e, sin^2 of half the error's angle, and the quaternion is the estimate
     before the sample's correction; ``gain`` is the correction's.
     """
-    write_columns(path, map(_columns, seeds, results))
+    write_columns(path, (_columns(*each) for each in results.items()))
 
 
 def _columns(seed: int, result: ExperimentResult) -> Columns:
@@ -93,11 +89,13 @@ def _columns(seed: int, result: ExperimentResult) -> Columns:
     }
 
 
-def draw(title: str, path: Path, seeds: Sequence[int], results: Results) -> None:
+def draw(title: str, path: Path, results: Results) -> None:
     """The paper's figures: e and K over time, median and bands of the seeds; one seed's angles."""
-    time_s = np.arange(len(results[0].true_error)) / COST_RATE_HZ
+    seed, first = next(iter(results.items()))
+    time_s = np.arange(len(first.true_error)) / COST_RATE_HZ
     end_s = float(time_s[-1])
-    errors, gains = (np.array([getattr(r, of) for r in results]) for of in ("true_error", "gains"))
+    errors = np.array([result.true_error for result in results.values()])
+    gains = np.array([result.gains for result in results.values()])
     with written_figure(path, title, FIGURE_INCHES) as sheet:
         ratios = {"height_ratios": [1.0, 1.0, 0.6, 0.6, 0.6], "width_ratios": [1.0, 1.6]}
         grid = sheet.add_gridspec(5, 2, **ratios)
@@ -114,9 +112,9 @@ def draw(title: str, path: Path, seeds: Sequence[int], results: Results) -> None
         if len(results) > 1:
             add_legend(below, 3)
         axes = [sheet.add_subplot(grid[row, :]) for row in (2, 3, 4)]
-        draw_angles(axes, time_s, results[0].truth, color=BLACK, label="true", lw=1.4)
-        draw_angles(axes, time_s, results[0].estimates, color="tab:orange", label="estimate")
-        axes[0].set_title(f"angles, noise seed {seeds[0]}")
+        draw_angles(axes, time_s, first.truth, color=BLACK, label="true", lw=1.4)
+        draw_angles(axes, time_s, first.estimates, color="tab:orange", label="estimate")
+        axes[0].set_title(f"angles, noise seed {seed}")
         axes[2].set_xlabel(TIME)
         for ax in axes:
             ax.set_xlim(0.0, end_s)

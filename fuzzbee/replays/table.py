@@ -16,12 +16,6 @@ from fuzzbee.replays import report as schema
 
 # Fewer headings from magnetic north than this do not change a figure's last digit much.
 LEAST_SHOWN_SHARE = 0.01
-# Two norths in one comparison leave the declination in the heading's error.
-_DECLINATION = "there the place's declination stands in the heading's error"
-TWO_NORTHS = {
-    True: f"the truth's is from true north: {_DECLINATION}",
-    False: "an autopilot's is from true north once it has a position: " + _DECLINATION,
-}
 MOST_DIFFERENCES = 10  # that are listed; --json has all
 
 
@@ -108,8 +102,11 @@ def _figures(report: schema.LogReport) -> Iterator[tuple[str, str]]:
     norths = report.heading_references
     magnetic = norths.get("magnetic", 0) / max(1, sum(norths.values()))
     if errors.heading_rms is not None and magnetic >= LEAST_SHOWN_SHARE:
-        text = f"{_share(magnetic)} of our headings are from magnetic north"
-        yield "", f"{text}, {TWO_NORTHS[is_truth]}"
+        text = (
+            f"{_share(magnetic)} of our headings are from magnetic north; where the reference's are"
+            " from true north the place's declination stands in the heading's error"
+        )
+        yield "", text
 
 
 def _after(report: schema.LogReport) -> Iterator[tuple[str, str]]:

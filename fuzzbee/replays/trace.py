@@ -1,32 +1,36 @@
-"""The result of replaying a log: a table of estimates and samples, references, counts."""
+"""A log replayed: a table of estimates and samples, references, counts."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from math import radians
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from drivers import events
 from drivers.logs.log_file import LogFile
+from drivers.logs.open import open_log
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.logs.table import Table
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
 from estimator.arrays import Floats
+from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, scale
-from estimator.live.rows import NORTHS
+from estimator.live.rows import BIAS, RATE, SIGMA, Q
 from estimator.profile import Profile
 from estimator.types import Attitude, ImuSample, Vec3
 from fuzzbee.attitudes import PLACE
 from service.pipeline import Pipeline
-from service.publishing import attitude_record, is_finite
-from service.records import AttitudeRecord, Message
+from service.publishing import is_finite
+from service.records import Message
 from service.vehicle import Vehicle
 from tuning.online.retuner import RetunedEstimator
 
+MUCH_REFUSED = 0.1  # of all readings: a line is printed
+MOST_REASONS = 3  # that it names
 LEAST_SEVERITY = 4  # MAV_SEVERITY_WARNING; greater numbers are less severe
 # The axis (NED) of a wrong start: every sensor can see a turn about it.
 WRONG_START_AXIS: Vec3 = (3**-0.5, 3**-0.5, 3**-0.5)
@@ -58,9 +62,9 @@ class How(NamedTuple):
     NED (1,1,1)/sqrt 3, once, at the first sample for which a reference is known. With ``retune`` a
     few numbers of the profile are retuned on the way, with ``smooth`` the attitudes are by the
     whole log. ``columns`` describes a table. Only ``window`` is read; its seconds count from the
-    log's beginning. ``notify`` is given lines for a person, ``reading`` is entered with the log
-    while it is read, ``new_estimator`` makes other estimators than those of ``retune`` and
-    ``smooth``.
+    log's beginning. ``reading`` is entered with the log while it is read, ``new_estimator`` makes
+    other estimators than those of ``retune`` and ``smooth``. ``fits_built_in`` is that of
+    :class:`service.pipeline.Pipeline`.
     """
 
     fixed_gain: float | None = None
@@ -70,9 +74,9 @@ class How(NamedTuple):
     smooth: bool = False
     columns: Path | None = None
     window: TimeWindow = WHOLE_LOG
-    notify: Callable[[str], None] = lambda _: None
     reading: Callable[[LogFile], AbstractContextManager[object]] = nullcontext
     new_estimator: Callable[[Profile], Estimator] | None = None
+    fits_built_in: bool = False
 
 
 AS_LIVE = How()
@@ -87,6 +91,7 @@ class VehicleTrace(Table):
     def __init__(self, address: events.VehicleId) -> None:
         super().__init__(**COLUMNS)
         self.address = address
+        self.log: LogFile  # what it was read from
         self.vehicle: Vehicle  # since the first sample
         self.kind: tuple[int | None, int | None] = None, None  # MAV_AUTOPILOT, MAV_TYPE
         self.imu_messages: Counter[str] = Counter()  # samples used of each
@@ -104,6 +109,7 @@ class VehicleTrace(Table):
         self.modes: list[tuple[int, int]] = []
         self.arming: list[tuple[int, int]] = []
         self.texts: dict[str, int] = {}
+        self.lines: list[str] = []  # for a person
 
     @property
     def message(self) -> str:
@@ -119,6 +125,15 @@ class VehicleTrace(Table):
     def rejected(self) -> Counter[str]:
         """What was refused, by reason: samples, and what of the log cannot be read."""
         return Counter[str](self.vehicle.rejected) + Counter(malformed=self.malformed)
+
+    @property
+    def refused(self) -> str:
+        """One line, where a good part of the log was refused."""
+        counts, used = self.rejected, len(self)
+        if counts.total() <= MUCH_REFUSED * (counts.total() + used):
+            return ""
+        reasons = ", ".join(f"{n} x {reason}" for reason, n in counts.most_common(MOST_REASONS))
+        return f"much was refused: {reasons}; {used} samples were used"
 
     @property
     def available(self) -> list[str]:
@@ -139,24 +154,6 @@ class VehicleTrace(Table):
         self.has_heading |= sample.has_mag or north > 0
         self.append(arrival_us, unix_us, *attitude[:-1], north, *sample[1:], aided)
 
-    def published(
-        self, rows: slice, stamps_us: Iterable[int]
-    ) -> Iterator[tuple[AttitudeRecord | None, ImuSample]]:
-        """What the service would have published with samples, whose Unix times are given."""
-        each = zip(self._rows(Attitude, rows), self._rows(ImuSample, rows), stamps_us, strict=True)
-        for attitude, sample, unix_us in each:
-            times = {"time_unix_us": unix_us, "time_boot_us": sample.time_us}
-            yield attitude_record(attitude, sequence=0, **times), sample
-
-    def _rows(self, kind: Any, rows: slice) -> Iterator[Any]:
-        """The attitudes or the samples of some rows as the estimator has them."""
-        columns = []
-        for name in kind._fields:
-            found = self[name][rows]
-            values = np.array(NORTHS)[found] if name == "heading_reference" else found
-            columns.append(map(tuple, values.tolist()) if values.ndim > 1 else values.tolist())
-        return map(kind, *columns)
-
     @property
     def zero_us(self) -> int:
         """The time that all seconds count from: the log's first IMU sample."""
@@ -168,24 +165,25 @@ class VehicleTrace(Table):
         return np.array(1e-6 * (self["time_us"] - self.zero_us), dtype=float)
 
 
-class Traces(dict[events.VehicleId, VehicleTrace]):
-    """Those of all vehicles that sent anything."""
-
-    def __missing__(self, address: events.VehicleId) -> VehicleTrace:
-        self[address] = VehicleTrace(address)
-        return self[address]
-
-
 class Replay:
-    """Feeds events through the live pipeline and keeps its estimates."""
+    """Feeds events through the live pipeline and keeps its estimates.
+
+    ``traces`` are those of all vehicles that sent anything, ``lines`` those of the pipeline.
+    """
 
     def __init__(self, profile: Profile, how: How = AS_LIVE) -> None:
         self._how = how
         self.why_empty: str | None = None  # why nothing of the log lay in the window
         new_estimator = how.new_estimator or self._new_estimator
-        self.pipeline = Pipeline(profile, system_id=how.system_id, new_estimator=new_estimator)
+        self.pipeline = Pipeline(
+            profile,
+            system_id=how.system_id,
+            new_estimator=new_estimator,
+            fits_built_in=how.fits_built_in,
+        )
         self._wrong_turn = exp(scale(radians(how.start_wrong_deg), WRONG_START_AXIS))
-        self.traces = Traces()
+        self.traces: dict[events.VehicleId, VehicleTrace] = {}
+        self.lines: list[str] = []
 
     def _new_estimator(self, profile: Profile) -> Estimator:
         if self._how.smooth:
@@ -212,23 +210,28 @@ class Replay:
         sending = [trace for trace in self.traces.values() if len(trace)]
         return max(sending, key=lambda t: (len(t), -t.address.system_id), default=None)
 
+    def _trace(self, event: events.VehicleEvent) -> VehicleTrace:
+        """That of the vehicle that an event is about."""
+        if event.vehicle not in self.traces:
+            self.traces[event.vehicle] = VehicleTrace(event.vehicle)
+        return self.traces[event.vehicle]
+
     def _take(self, event: events.Event) -> None:
-        for output in self.pipeline.handle(event):
-            if isinstance(output, Message):
-                self._how.notify(output.text)
+        outputs = self.pipeline.handle(event)
+        self.lines += [output.text for output in outputs if isinstance(output, Message)]
         match event:
             case events.Imu():
                 self._after_imu(event)
-            case events.ReferenceAttitude(vehicle=address, source=source):
-                self.traces[address].references[source].add(event)
-            case events.Velocity(vehicle=address, message=name, sample=sample):
-                self.traces[address].velocities[name].append(*sample[: len(VELOCITIES)])
-            case events.Parameter(vehicle=address, name=name, value=value):
-                self.traces[address].parameters[name] = value
+            case events.ReferenceAttitude(source=source):
+                self._trace(event).references[source].add(event)
+            case events.Velocity(message=name, sample=sample):
+                self._trace(event).velocities[name].append(*sample[: len(VELOCITIES)])
+            case events.Parameter(name=name, value=value):
+                self._trace(event).parameters[name] = value
             case events.StatusText() if event.severity <= LEAST_SEVERITY:
-                self.traces[event.vehicle].texts.setdefault(event.text, event.arrival_us)
+                self._trace(event).texts.setdefault(event.text, event.arrival_us)
             case events.Heartbeat() | events.ModeChange():
-                trace = self.traces[event.vehicle]
+                trace = self._trace(event)
                 new = (trace.modes, event.custom_mode), (trace.arming, event.is_armed)
                 for known, now in new:
                     if now is not None and (not known or known[-1][1] != now):
@@ -241,7 +244,7 @@ class Replay:
         sample = None if vehicle is None else vehicle.imu.last_sample
         if vehicle is None or sample is None or vehicle.imu.last is not event:
             return
-        trace = self.traces[event.vehicle]
+        trace = self._trace(event)
         trace.vehicle = vehicle
         if self._how.start_wrong_deg and trace.turned_at_us is None and trace.available:
             vehicle.estimator.turn(self._wrong_turn)
@@ -257,7 +260,40 @@ class Replay:
         trace.take(event.arrival_us, unix_us, attitude, sample, vehicle.estimator.is_aided)
 
 
-def smooth(trace: VehicleTrace) -> None:
+def replay_log(path: Path, profile: Profile, how: How = AS_LIVE) -> VehicleTrace:
+    """The trace of one vehicle.
+
+    Raises:
+        InputError: the log cannot be read, or holds no IMU data that can be used.
+    """
+    replay = Replay(profile, how)
+    with open_log(path, how.columns) as log, how.reading(log):
+        replay.run(log)
+    trace = replay.longest()
+    if trace is None:
+        whose = "" if how.system_id is None else f" of system id {how.system_id}"
+        none = f"no IMU data{whose} that can be used{_seen_text(replay)}"
+        raise InputError(f"{path}: {replay.why_empty or log.advice(how.system_id) or none}")
+    trace.log, trace.lines = log, replay.lines
+    if trace.refused:
+        trace.lines.append(trace.refused)
+    if how.smooth:
+        _smooth(trace)
+    return trace
+
+
+def _seen_text(replay: Replay) -> str:
+    """What the log has instead of usable IMU data, for the error message."""
+    pipeline = replay.pipeline
+    refused = sum((each.rejected for each in pipeline.vehicles), start=Counter[str]())
+    if refused:
+        return ": " + ", ".join(f"{n} x {reason}" for reason, n in sorted(refused.items()))
+    if ids := sorted(pipeline.systems | {address.system_id for address in replay.traces}):
+        return f" (vehicles seen: {', '.join(map(str, ids))})"
+    return f": {pipeline.malformed} x malformed" if pipeline.malformed else ""
+
+
+def _smooth(trace: VehicleTrace) -> None:
     """Put the smoothed attitudes into the trace; what the end knows of north holds for all."""
     from estimator.smoothing import Recorder, smooth_all
 
@@ -265,13 +301,9 @@ def smooth(trace: VehicleTrace) -> None:
     times_us, now = smooth_all(trace.vehicle.estimator)
     trace.vehicle.estimator.recordings().clear()  # for each sample its readings
     at, north = np.searchsorted(times_us, trace["time_us"]), trace["heading_reference"]
-    smoothed = {
-        "q_ned_frd": now.q_ned_frd[at],
-        "rate_rad_s": now.rate_rad_s[at],
-        "gyro_bias_rad_s": now.bias_rad_s[at],
-        "sigma_inclination_rad": now.sigma_rad[at, 0],
-        "sigma_heading_rad": now.sigma_rad[at, 1],
-        "heading_reference": np.full_like(north, north[-1]),
-    }
-    for name, values in smoothed.items():
-        trace.put(name, [values])
+    trace.put("q_ned_frd", [now[at, Q]])
+    trace.put("rate_rad_s", [now[at, RATE]])
+    trace.put("gyro_bias_rad_s", [now[at, BIAS]])
+    trace.put("sigma_inclination_rad", [now[at, SIGMA][:, 0]])
+    trace.put("sigma_heading_rad", [now[at, SIGMA][:, 1]])
+    trace.put("heading_reference", [np.full_like(north, north[-1])])

@@ -32,9 +32,6 @@ _PARAMETERS = (
     "membership, filter; for logs also noise, sigma, gain, confidence, conditioning, calibration."
     " [default: by source, objective and rate]"
 )
-_NOISE_SEEDS = "sim: seeds. [default: 100-107]"
-_HELD_OUT_SEEDS = "sim: unseen seeds. [default: 200-219]"
-_THREADS = "Processor cores to use. [default: all cores]"
 
 EPILOG = opt.examples(
     "fuzzbee tune sim: -o tuned.toml",
@@ -45,7 +42,6 @@ EPILOG = opt.examples(
 )
 
 
-@opt.form
 class TuneRequest(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
@@ -66,9 +62,9 @@ class TuneRequest(NamedTuple):
     limit: int | None = opt.option(_LIMIT, metavar="N")
     seed: int = opt.option("Seed of the search.", default=0, metavar="N")
     parameters: str | None = opt.option(_PARAMETERS, metavar="GROUP,...")
-    noise_seeds: str | None = opt.option(_NOISE_SEEDS, metavar="A-B")
-    held_out_seeds: str | None = opt.option(_HELD_OUT_SEEDS, metavar="A-B")
-    threads: int | None = opt.option(_THREADS, metavar="N")
+    noise_seeds: str | None = opt.option("sim: seeds. [default: 100-107]", metavar="A-B")
+    held_out_seeds: str | None = opt.option("sim: unseen seeds. [default: 200-219]", metavar="A-B")
+    threads: int | None = opt.option("Processor cores to use. [default: all cores]", metavar="N")
     cluster: str | None = opt.option("Evaluate on this Dask scheduler.", metavar="ADDRESS")
     resume: bool = opt.option("Go on from FILE.checkpoint.", default=False)
     plot: Path | None = opt.option("Draw figures into this folder.", metavar="DIR")
@@ -102,8 +98,8 @@ def tune(request: TuneRequest) -> int:
         if request.plot.exists() and not request.plot.is_dir():
             raise InputError(f"--plot {request.plot}: not a folder")
         opt.require_extra("matplotlib", "--plot", "plot")
-    viewer = outputs.viewer_options(request.view, request.rrd)
+    outputs.wants_viewer(request.view, request.rrd)
     files = (request.output, checkpoint_path(request.output))
     written = [*(("--output", file) for file in files), ("--rrd", request.rrd)]
     outputs.require_own_files(written, [*request.sources, *(request.hold_out or []), request.base])
-    return run_plan(plan(request), viewer)
+    return run_plan(plan(request))

@@ -10,10 +10,10 @@ from estimator.filter.memberships import TERMS, Five, fuzzy_sets
 from estimator.geometry.metrics import COST_RATE_HZ, batch_angle_errors
 from estimator.profile import Profile
 from fuzzbee.replays.figure import COLORS, add_legend, written_figure
+from fuzzbee.tune.plan import Plan
 from tuning.flight import Flight, fly
 from tuning.paper_experiment import run_experiment
 from tuning.search import Search
-from tuning.task import PaperTask, Task
 
 NAME = "tuning.png"
 # Fixed gains to compare with, as in the paper: the steadiest, the quickest, and one between.
@@ -23,14 +23,15 @@ MOST_FLIGHTS = 6
 TRIANGLE = (0.0, 1.0, 0.0)  # the membership at its corners
 
 
-def draw(folder: Path, task: Task, tuned: Profile, search: Search) -> None:
+def draw(folder: Path, plan: Plan, tuned: Profile, search: Search) -> None:
     """Draw into ``folder`` how the search went, and what its result changes where it never was."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"--plot {folder}: {error.strerror}") from None
-    flights = () if isinstance(task, PaperTask) else task.held_out[:MOST_FLIGHTS]
-    panels = 1 + isinstance(task, PaperTask) + len(flights) + 2 * task.tunes_memberships
+    task, is_simulated = plan.task, plan.request.is_simulated
+    flights = () if is_simulated else task.held_out[:MOST_FLIGHTS]
+    panels = 1 + is_simulated + len(flights) + 2 * task.tunes_memberships
     with written_figure(folder / NAME, "", (WIDTH_IN, HEIGHT_IN * panels)) as sheet:
         first, *axes = sheet.subplots(panels, squeeze=False)[:, 0]
         evaluations, history = [p.evaluations for p in search.history], search.history
@@ -38,21 +39,20 @@ def draw(folder: Path, task: Task, tuned: Profile, search: Search) -> None:
         first.plot(evaluations, [p.best_cost for p in history], label="best so far")
         first.set(xlabel="evaluations", ylabel="cost J", title="Convergence of the search")
         add_legend(first, 2)
-        if isinstance(task, PaperTask):
-            _draw_error_over_time(axes[0], task, tuned)
+        if is_simulated:
+            _draw_error_over_time(axes[0], task.held_out[0], plan.before, tuned)
         for ax, flight in zip(axes, flights, strict=False):
-            _draw_error_on_log(ax, task, tuned, flight)
+            _draw_error_on_log(ax, flight, plan.before, tuned)
         if task.tunes_memberships:
-            before, after = fuzzy_sets(task.base.k), fuzzy_sets(tuned.k)
+            before, after = fuzzy_sets(plan.before.k), fuzzy_sets(tuned.k)
             _draw_sets(axes[-2], "e, |de/dt| in 1/s", before.inputs, after.inputs)
             _draw_sets(axes[-1], "k_op", before.output, after.output)
 
 
-def _draw_error_over_time(axes: Any, task: PaperTask, tuned: Profile) -> None:
+def _draw_error_over_time(axes: Any, seed: int, before: Profile, tuned: Profile) -> None:
     """e(R~) on a noise seed that the search has not seen, against fixed gains."""
-    seed = task.held_out[0]
     runs = {f"K = {gain:g}": run_experiment(tuned, seed, gain) for gain in FIXED_GAINS}
-    runs |= {"fuzzy, before": run_experiment(task.base, seed)}
+    runs |= {"fuzzy, before": run_experiment(before, seed)}
     runs |= {"fuzzy, tuned": run_experiment(tuned, seed)}
     for name, run in runs.items():
         time_s = np.arange(1, len(run.true_error) + 1) / COST_RATE_HZ
@@ -62,10 +62,10 @@ def _draw_error_over_time(axes: Any, task: PaperTask, tuned: Profile) -> None:
     add_legend(axes, len(runs))
 
 
-def _draw_error_on_log(axes: Any, task: Task, tuned: Profile, flight: Flight) -> None:
+def _draw_error_on_log(axes: Any, flight: Flight, before: Profile, tuned: Profile) -> None:
     """Inclination error over time on a held-out flight, before and after."""
     known = flight.known[flight.window]
-    for name, profile in (("before", task.before), ("tuned", tuned)):
+    for name, profile in (("before", before), ("tuned", tuned)):
         course = fly(flight, profile)
         errors = batch_angle_errors(course.q_ned_frd[flight.window], flight.truth[flight.window])
         time_s = flight.time_s[flight.window][known]

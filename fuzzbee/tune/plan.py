@@ -6,12 +6,19 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
+from msgspec.structs import replace
 
 from drivers.logs.time_window import TimeWindow
 from estimator.calibration import PLAIN, Calibration
 from estimator.errors import InputError
-from estimator.profile import SHIPPED, Profile, load_profile, merge_profile, profile_to_toml
+from estimator.profile import (
+    SHIPPED,
+    Profile,
+    Provenance,
+    load_profile,
+    merge_profile,
+    profile_to_toml,
+)
 from fuzzbee.notify import notify, print_line
 from fuzzbee.options import SIMULATION, asked_for, require_extra, seed_range, time_window
 from fuzzbee.tune.command import TuneRequest
@@ -26,62 +33,49 @@ from tuning.search import SearchOptions
 MIDPOINT = "midpoint"
 CALIBRATION = "calibration"  # the group of parameters that begins with a fit
 CONTROLLER = {"membership", "filter"}  # the groups of the fuzzy controller
-# Options that go with logs alone, and what the paper's signals have instead.
-FOR_LOGS = {
-    "objective": "has the paper's J",
-    "reference": "has the truth",
-    "begin end": "flies 15 s",
-}
 # Food sources and cycles. A flight flown again takes a tenth of a second, the signals 50 us.
 SIMULATION_BUDGET, LOG_BUDGET = (100, 300), (10, 15)
 
 
-class Source(NamedTuple):
-    """What is searched on: its task, inputs, what its cost is measured against, noise seeds."""
-
-    task: tasks.Task
-    inputs: list[dict[str, str]]
-    reference: str
-    seeds: dict[str, str]
-
-
 class Plan(NamedTuple):
-    """What is searched, how, and what the cost is measured against.
+    """What is searched and how, the profile that it is to beat, and the reference of the cost.
 
-    ``identity`` is everything that determines the result, as plain JSON values, for the file's
-    provenance: options (what was left to a default counts as if it had been given), inputs, seeds
-    and the version.
+    ``provenance`` holds everything that determines the result: options (what was left to a default
+    counts as if it had been given), inputs, seeds and the version.
     """
 
     request: TuneRequest
     task: tasks.Task
+    before: Profile
     options: SearchOptions
     reference: str
-    identity: dict[str, Any]
+    provenance: Provenance
 
 
 def plan(request: TuneRequest) -> Plan:
     """Check everything and prepare the search; prints what each log is for."""
-    search, output = _search_options(request), request.output
+    options, output = _search_options(request), request.output
     if output.is_dir():
         raise InputError(f"-o {output}: a folder, not a file")
     if not os.access(output.parent, os.W_OK):
         raise InputError(f"-o {output}: the folder cannot be written to")
-    source = _paper(request) if request.is_simulated else _logs(request)
+    found = (_paper if request.is_simulated else _logs)(request, options)
     if request.limit is None:
-        search = search._replace(limit=search.food_sources * len(source.task.space))
-    identity = _identity(request, source, search)
-    return Plan(request, source.task, search, source.reference, identity)
+        options = options._replace(limit=options.food_sources * len(found.task.space))
+        found = found._replace(options=options)
+    given = {name: value for name, value in _given(found).items() if value is not None}
+    provenance = replace(found.provenance, options=given, version=__version__)
+    return found._replace(provenance=provenance)
 
 
-def _identity(request: TuneRequest, source: Source, search: SearchOptions) -> dict[str, Any]:
-    """Everything that determines the result; a base that is no name by its content."""
-    task = source.task
+def _given(plan: Plan) -> dict[str, Any]:
+    """The options that determine the result; a base that is no name by its content."""
+    request, task, search = plan.request, plan.task, plan.options
     begin, end = time_window(request.begin, request.end)
     base = request.base or (MIDPOINT if request.is_simulated else "imu")
     if base not in (*SHIPPED, MIDPOINT):  # a file's name does not fix its content
-        base = f"sha256:{sha256(profile_to_toml(task.before).encode()).hexdigest()}"
-    options: dict[str, Any] = {
+        base = f"sha256:{sha256(profile_to_toml(plan.before).encode()).hexdigest()}"
+    return {
         "command": "tune",
         "algorithm": search.algorithm,
         "sources": search.food_sources,
@@ -93,12 +87,6 @@ def _identity(request: TuneRequest, source: Source, search: SearchOptions) -> di
         "reference": request.reference,
         "from": begin,
         "to": end,
-    }
-    return {
-        "options": {name: value for name, value in options.items() if value is not None},
-        "inputs": source.inputs,
-        "seeds": {"search": request.seed, **source.seeds},
-        "version": __version__,
     }
 
 
@@ -116,12 +104,14 @@ def _search_options(request: TuneRequest) -> SearchOptions:
         raise InputError(f"--sources {sources}: {algorithm} needs at least {fewest}")
     if limit is not None and algorithm != "abc":
         raise InputError(f"--limit is the bees' own; {algorithm} has none")
-    counts = (("--cycles", cycles), ("--limit", limit), ("--threads", request.threads))
-    for option, number in counts:
-        if number is not None and number < 1:
-            raise InputError(f"{option} {number}: at least 1 is needed")
-    if request.seed < 0:
-        raise InputError(f"--seed {request.seed}: must be 0 or more")
+    for option, number, least in (
+        ("--cycles", cycles, 1),
+        ("--limit", limit, 1),
+        ("--threads", request.threads, 1),
+        ("--seed", request.seed, 0),
+    ):
+        if number is not None and number < least:
+            raise InputError(f"{option} {number}: must be {least} or more")
     return SearchOptions(algorithm, sources, cycles, limit or 0, request.seed)
 
 
@@ -136,15 +126,18 @@ def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name.strip() for name in request.parameters.split(",") if name.strip())
 
 
-def _paper(request: TuneRequest) -> Source:
+def _paper(request: TuneRequest, options: SearchOptions) -> Plan:
     """The search on the paper's signals."""
     if len(request.sources) > 1 or request.hold_out:
         raise InputError("tune: sim: stands alone, not beside logs")
-    for names, instead in FOR_LOGS.items():
-        for flag in asked_for(request, *names.split()):
-            raise InputError(f"{flag} goes with logs only; sim: {instead}")
-    noise = _seeds("--noise-seeds", request.noise_seeds or "100-107")
-    held_out = _seeds("--held-out-seeds", request.held_out_seeds or "200-219")
+    for flag in asked_for(request, "objective", "reference", "begin", "end"):
+        raise InputError(f"{flag} goes with logs only; sim: has the paper's 15 s, truth and J")
+    seeds = {
+        "noise": request.noise_seeds or "100-107",
+        "held_out": request.held_out_seeds or "200-219",
+    }
+    noise = _seeds("--noise-seeds", seeds["noise"])
+    held_out = _seeds("--held-out-seeds", seeds["held_out"])
     if both := sorted({*noise} & {*held_out}):
         raise InputError(
             f"--held-out-seeds: seed {both[0]} is also in --noise-seeds; unseen seeds are needed"
@@ -156,25 +149,20 @@ def _paper(request: TuneRequest) -> Source:
             f"--parameters {request.parameters}: sim: is tuned on membership, or membership,filter"
         )
     task = tasks.PaperTask(base, groups, tuple(noise), tuple(held_out))
-    seeds = {
-        name: "-".join(map(str, dict.fromkeys((chosen[0], chosen[-1]))))  # of one seed itself
-        for name, chosen in (("noise", noise), ("held_out", held_out))
-    }
-    return Source(task, [{"name": SIMULATION}], "simulated vehicle's truth", seeds)
+    provenance = Provenance(inputs=[{"name": SIMULATION}], seeds={"search": request.seed, **seeds})
+    return Plan(request, task, base, options, "simulated vehicle's truth", provenance)
 
 
 def _seeds(option: str, text: str) -> range:
     """``A-B``, both included, or a single ``A``, below the reserved seeds."""
     chosen = seed_range(text, option)
     if chosen[-1] >= tasks.FIRST_RESERVED_SEED:
-        raise InputError(
-            f"{option} {text}: seeds from {tasks.FIRST_RESERVED_SEED} on are kept for judging"
-            " results"
-        )
+        kept = f"seeds from {tasks.FIRST_RESERVED_SEED} on are kept for judging results"
+        raise InputError(f"{option} {text}: {kept}")
     return chosen
 
 
-def _logs(request: TuneRequest) -> Source:
+def _logs(request: TuneRequest, options: SearchOptions) -> Plan:
     """The search on recorded flights."""
     for flag in asked_for(request, "noise_seeds", "held_out_seeds"):
         raise InputError(f"{flag} goes with sim: only; a log has its own noise")
@@ -189,35 +177,42 @@ def _logs(request: TuneRequest) -> Source:
         raise InputError(
             f"--reference smooth: not with --parameters {CALIBRATION}, which it would depend on"
         )
-    plain = msgspec.structs.replace(base, calibration=PLAIN) if calibrates else base
-    flights, named = _read_flights(request, plain, may_smooth=not calibrates)
+    plain = replace(base, calibration=PLAIN) if calibrates else base
+    flights = _read_flights(request, plain, may_smooth=not calibrates)
     groups = _log_groups(request, goal, flights)
+    named = frozenset(each.sha256 for each in flights if each.path in (request.hold_out or ()))
     searched, held_out = tasks.split(flights, named)
-    _require_references(goal, (*searched, *held_out))
+    for flight in (*searched, *held_out):
+        if goal == "recovery":
+            recoveries(flight)
+        elif flight.reference != "none" and not flight.known[flight.window].any():
+            raise InputError(f"{flight.name}: no reference attitude where it would be scored")
     start = before = _with_tuned_gain(base, groups)
     if calibrates:
-        start = msgspec.structs.replace(start, calibration=_fitted(request, plain, searched))
-    task = tasks.Task(start, groups, searched, held_out, goal, before if calibrates else None)
-    for flight in flights:  # when all checks have passed: an error is one single line
+        start = replace(start, calibration=_fitted(request, plain, searched))
+    task = tasks.Task(start, groups, searched, held_out, goal)
+    reference = "; ".join(dict.fromkeys(map(reference_text, flights)))
+    inputs = _report_flights(flights, {flight.sha256 for flight in held_out})
+    provenance = Provenance(inputs=inputs, seeds={"search": request.seed})
+    return Plan(request, task, before, options, reference, provenance)
+
+
+def _report_flights(flights: tuple[Flight, ...], held_out: set[str]) -> list[dict[str, str]]:
+    """Print what each flight is for, when all checks have passed; the same as the file has it."""
+    inputs = []
+    for flight in flights:
         if flight.refused is not None:
             notify(f"{flight.path}: {flight.refused}")
-    inputs, apart = [], {flight.sha256 for flight in held_out}
-    for flight in flights:
-        use = "held out" if flight.sha256 in apart else "tuned on"
+        use = "held out" if flight.sha256 in held_out else "tuned on"
         use = use if len(flights) > 1 else "its later part held out"
         rate = f"{flight.message} at {flight.rate_hz:.1f} Hz"
         print_line(f"{flight.name}: {rate}, reference: {reference_text(flight)}, {use}")
         inputs.append({"name": flight.name, "sha256": flight.sha256, "use": use})
-    return Source(task, inputs, "; ".join(dict.fromkeys(map(reference_text, flights))), {})
+    return inputs
 
 
-def _read_flights(
-    request: TuneRequest, base: Profile, *, may_smooth: bool
-) -> tuple[tuple[Flight, ...], frozenset[str]]:
-    """All flights, and the SHA-256 of those asked to be held out, which come last.
-
-    A log that is held out may stand among the sources, too; but none may count twice.
-    """
+def _read_flights(request: TuneRequest, base: Profile, *, may_smooth: bool) -> tuple[Flight, ...]:
+    """All flights, those asked to be held out last, which may stand among the sources, too."""
     paths, held_out = [Path(source) for source in request.sources], request.hold_out or []
     for path in (*paths, *held_out):
         if not path.exists():
@@ -234,8 +229,7 @@ def _read_flights(
         same = flights.setdefault(flight.sha256, flight)
         if same is not flight:
             raise InputError(f"{flight.name}: the same log as {same.name}")
-    found = tuple(flights.values())
-    return found, frozenset(flight.sha256 for flight in found[len(searched) :])
+    return tuple(flights.values())
 
 
 def _log_groups(request: TuneRequest, goal: str, flights: tuple[Flight, ...]) -> tuple[str, ...]:
@@ -253,25 +247,12 @@ def _log_groups(request: TuneRequest, goal: str, flights: tuple[Flight, ...]) ->
     return groups
 
 
-def _require_references(goal: str, flights: tuple[Flight, ...]) -> None:
-    """Refuse a flight that has nothing to be scored by."""
-    for flight in flights:
-        if flight.reference == "none":
-            if goal == "recovery":
-                raise InputError(f"{flight.name}: --objective recovery needs a reference attitude")
-        elif not flight.known[flight.window].any():
-            raise InputError(f"{flight.name}: no reference attitude where it would be scored")
-        elif goal == "recovery":
-            recoveries(flight)
-
-
 def _with_tuned_gain(base: Profile, groups: tuple[str, ...]) -> Profile:
     """The profile with the gain that the tuned numbers belong to: others would move nothing."""
+    wanted = "fixed" if "gain" in groups else base.filter.gain
     if CONTROLLER & {*groups}:
         wanted = "fuzzy"
-    else:
-        wanted = "fixed" if "gain" in groups else base.filter.gain
-    if base.filter.gain in ("fuzzy", wanted):
+    if base.filter.gain == wanted:
         return base
     print_line(f'the numbers of that gain are tuned: the result has filter.gain = "{wanted}"')
     return merge_profile(base, {"filter": {"gain": wanted}})
@@ -285,4 +266,6 @@ def _fitted(request: TuneRequest, plain: Profile, searched: tuple[Flight, ...]) 
     if (last := searched[0].last) is not None:  # the rest of the only one is held out
         end = searched[0].begin_s + float(searched[0].time_s[last])
     paths = [flight.path for flight in searched]
-    return report_calibration(paths, plain, window=TimeWindow(begin, end)).calibration
+    report, _ = report_calibration(paths, plain, window=TimeWindow(begin, end))
+    found: Calibration = report["calibration"]
+    return found

@@ -11,9 +11,8 @@ from estimator.live.rows import Rows
 from estimator.profile import Profile
 from estimator.types import IDENTITY
 from fuzzbee.attitudes import PLACE
-from fuzzbee.replays.log_report import refused_text, replay_log
 from fuzzbee.replays.score import compare
-from fuzzbee.replays.trace import How
+from fuzzbee.replays.trace import How, replay_log
 from tuning.calls import LoggedEstimator, split_calls
 from tuning.flight import Flight, sure_flight
 
@@ -47,7 +46,7 @@ def read_flight(
     assert isinstance(recorder, LoggedEstimator)
     if recorder.taken != len(trace):
         raise InputError(f"{path}: with the base profile the estimate is not finite")
-    compare(path, trace, None if reference == "smooth" else reference)
+    compare(trace, None if reference == "smooth" else reference)
     truth = np.array(trace["reference_q_ned_frd"])
     known = np.isfinite(truth[:, 0])
     reports, calls = split_calls(recorder.calls)
@@ -64,7 +63,7 @@ def read_flight(
         reports=reports,
         calibration=profile.calibration,
         begin_s=1e-6 * float(trace["time_us"][0] - trace.zero_us),
-        refused=refused_text(trace),
+        refused=trace.refused or None,
     )
     is_wanted = reference == "smooth"
     if may_smooth and (is_wanted or not (reference or found.reference == "sim")):

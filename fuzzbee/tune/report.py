@@ -31,7 +31,7 @@ def report_of(
     ``by_chance`` is what random search has found on the same budget, on logs.
     """
     task = plan.task
-    before, after = task.score(task.before), task.score(found)
+    before, after = task.score(plan.before), task.score(found)
     report: dict[str, Any] = {
         "evaluations": search.evaluations,
         "cycles": search.cycles,
@@ -39,7 +39,7 @@ def report_of(
         "algorithm": plan.options.algorithm,
         "parameters": [*task.groups],
         "reference": plan.reference,
-        "inputs": plan.identity["inputs"],
+        "inputs": plan.provenance.inputs,
         "cost_before": before["cost"],
         "cost_after": after["cost"],
         "held_out_before": before["held_out"],
@@ -47,8 +47,7 @@ def report_of(
     }
     if plan.request.is_simulated:
         return report
-    both = (task.before, found)
-    then, now = ([measure(p, flight) for flight in task.held_out] for p in both)
+    then, now = ([measure(p, flight) for flight in task.held_out] for p in (plan.before, found))
     report["objective"] = task.goal
     report["random_search"] = None if by_chance is None else task.score(by_chance)
     report["held_out_flights"] = [
@@ -56,7 +55,7 @@ def report_of(
         for flight, was, now_is in zip(task.held_out, then, now, strict=True)
     ]
     report["harm"] = harm(then, now) if task.goal == "flight" else None
-    if task.judged_by is not None:
+    if task.base is not plan.before:
         report["calibration_alone"] = task.score(task.base)
     return report
 

@@ -6,14 +6,14 @@ import time
 from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING
 
-import msgspec
 import numpy as np
+from msgspec.structs import replace
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import Progress
 
 from drivers.output_file import written_for
 from estimator.arrays import Floats
-from estimator.profile import Profile, Provenance, profile_to_toml
+from estimator.profile import Profile, profile_to_toml
 from fuzzbee.notify import print_line
 from fuzzbee.tune.figure import draw
 from fuzzbee.tune.plan import Plan
@@ -25,7 +25,6 @@ from tuning.search import Record, Search, checkpoint_path, read_checkpoint, writ
 from tuning.space import encode, profile_with, values_of
 
 if TYPE_CHECKING:
-    from fuzzbee.outputs import ViewerOptions
     from fuzzbee.tune.view import SearchView
 
 # A checkpoint is written this often, so a power cut costs no more of a search.
@@ -34,7 +33,7 @@ NO_GAIN = 1
 INTERRUPTED = 130
 
 
-def run_plan(plan: Plan, viewer: "ViewerOptions | None") -> int:
+def run_plan(plan: Plan) -> int:
     """Search, write the profile, report; the exit status.
 
     On logs a profile that gains nothing on what was held out, or harms it, is written with
@@ -42,15 +41,16 @@ def run_plan(plan: Plan, viewer: "ViewerOptions | None") -> int:
     """
     started, request, on_logs = time.perf_counter(), plan.request, not plan.request.is_simulated
     checkpoint, stop = checkpoint_path(request.output), threading.Event()
-    record = read_checkpoint(checkpoint, plan.identity) if request.resume else None
+    record = read_checkpoint(checkpoint, plan.provenance) if request.resume else None
     if record is None and checkpoint.exists():
         print_line(f"{checkpoint}: an unfinished search, not resumed; it will be replaced")
     with ExitStack() as stack:
         view = None
-        if viewer is not None:
+        if request.view is not None or request.rrd is not None:
             from fuzzbee.tune.view import SearchView
 
-            view = stack.enter_context(closing(SearchView(viewer, plan.task.space)))
+            view = SearchView(plan.task.space, request.view, request.rrd)
+            stack.enter_context(closing(view))
         with stop_on_signals(stop.set):
             search, is_finished, by_chance = _run(plan, record, stop, view)
             found = _found(plan, search, is_finished=is_finished)
@@ -63,7 +63,7 @@ def run_plan(plan: Plan, viewer: "ViewerOptions | None") -> int:
         if is_finished:
             checkpoint.unlink(missing_ok=True)
         if request.plot is not None:
-            draw(request.plot, plan.task, found, search)
+            draw(request.plot, plan, found, search)
         report |= {
             "wall_s": time.perf_counter() - started,
             "interrupted": not is_finished,
@@ -90,13 +90,9 @@ def _run(
     task, request, options = plan.task, plan.request, plan.options
     checkpoint, saved_s = checkpoint_path(request.output), time.monotonic()
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    bar = Progress(
-        *columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal
-    )
+    bar = Progress(console=console, disable=not console.is_terminal)
     line = bar.add_task(options.algorithm, total=options.budget)
     cores = request.threads or available_cores()
-    # a cluster's workers, or processes here
     pool = Cluster(task.costs, request.cluster) if request.cluster else Pool(task.costs, cores)
     with pool, bar:
 
@@ -110,7 +106,7 @@ def _run(
             if view is not None:
                 view.show(search)
             if time.monotonic() - saved_s > CHECKPOINT_PERIOD_S or stop.is_set():
-                write_checkpoint(checkpoint, plan.identity, search.record)
+                write_checkpoint(checkpoint, plan.provenance, search.record)
                 saved_s = time.monotonic()
             return not stop.is_set()
 
@@ -134,5 +130,5 @@ def _found(plan: Plan, search: Search, *, is_finished: bool) -> Profile:
     if not is_finished:
         description += f", interrupted after {search.evaluations} of {plan.options.budget}"
     best = profile_with(plan.task.space, plan.task.base, search.best_values)
-    provenance = Provenance(description=description, **plan.identity)
-    return msgspec.structs.replace(best, provenance=provenance)
+    provenance = replace(plan.provenance, description=description)
+    return replace(best, provenance=provenance)

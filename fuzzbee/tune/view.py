@@ -1,17 +1,14 @@
 """A search as a Rerun recording, while it runs. The view never changes the search."""
 
-import time
 from typing import Any
 
 import numpy as np
 
 from fuzzbee.notify import notify
-from fuzzbee.outputs import ViewerOptions
 from fuzzbee.viewer.stream import CLOSED, ViewerStream, rr, rrb
 from tuning.search import Search
 from tuning.space import Space, bounds, encode
 
-PERIOD_S = 0.25  # often enough for the eye; drawing more would take time from the search
 CYCLE = "cycle"
 CURVES = {"best": (230, 60, 90), "median": (80, 150, 255), "mean": (130, 110, 200)}
 
@@ -33,27 +30,22 @@ def blueprint() -> Any:
 
 
 class SearchView(ViewerStream):
-    """Draws a search in ``space`` after its cycles, at most every ``PERIOD_S``."""
+    """Draws a search in ``space`` after its cycles."""
 
-    def __init__(self, options: ViewerOptions, space: Space) -> None:
+    def __init__(self, space: Space, view: str | None, rrd: str | None) -> None:
         self._space = space
-        self._due_s = 0.0
         self._drawn_cycles = 0
-        super().__init__(options, blueprint())
+        super().__init__(blueprint(), view, rrd)
         curves = rr.SeriesLines(names=list(CURVES), colors=list(CURVES.values()))
         self.recording.log("/cost", curves, static=True)
         names = [parameter.address[1] for parameter in space]
         self.recording.log("/best", rr.SeriesLines(names=names), static=True)
 
     def show(self, search: Search) -> None:
-        """Draw the latest cycles, if that is due."""
+        """Draw the latest cycles, if there are some."""
         if self.take_loss():
             notify(f"viewer {CLOSED}")
-        if not self.is_wanted or search.cycles == self._drawn_cycles:
-            return
-        now_s = time.monotonic()
-        if now_s >= self._due_s:
-            self._due_s = now_s + PERIOD_S
+        if self.is_wanted and search.cycles > self._drawn_cycles:
             self._draw(search)
 
     def show_end(self, search: Search, *, stay: bool) -> None:

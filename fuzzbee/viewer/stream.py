@@ -16,7 +16,6 @@ from drivers.output_file import NotWholeError
 from drivers.resources import run_in_thread
 from estimator.errors import InputError
 from fuzzbee.notify import notify
-from fuzzbee.outputs import ViewerOptions
 from fuzzbee.viewer.process import ViewerProcess
 from service.signals import terminate_like_interrupt
 
@@ -42,16 +41,19 @@ OF_FILE = ("File-writer", "Failed to encode LogMsg")
 class ViewerStream:
     """Rerun's ``recording``, and the viewer's process if one was asked for.
 
-    ``blueprint`` is what is shown where. What may wait for ever, as where a disk is full, is done
-    in threads that are left behind if it takes too long.
+    ``view`` is "window" or "web", ``rrd`` a file, and ``blueprint`` what is shown where; live, the
+    past is less. What may wait for ever, as where a disk is full, is done in threads that are left
+    behind if it takes too long.
 
     Raises:
         InputError: the viewer does not start, or the file cannot be written.
     """
 
-    def __init__(self, options: ViewerOptions, blueprint: Any) -> None:
+    def __init__(
+        self, blueprint: Any, view: str | None, rrd: str | None, *, live: bool = False
+    ) -> None:
         # into a file alone at a flush only: many points a chunk; eyes get theirs every 0.2 s
-        batches = rr.ChunkBatcherConfig.NEVER() if options.view is None else None
+        batches = rr.ChunkBatcherConfig.NEVER() if view is None else None
         self.recording: Any = rr.RecordingStream(
             "fuzzbee", send_properties=False, batcher_config=batches
         )
@@ -59,14 +61,14 @@ class ViewerStream:
         self.recording.set_log_tick_enabled(False)
         self.process: ViewerProcess | None = None
         self.is_whole = True  # the file, if there is one, has everything so far
-        self._rrd, self.is_live = options.rrd, options.live
-        sinks = [] if options.rrd is None else [_file_sink(options.rrd, live=options.live)]
-        if options.view is not None:
-            self.process = ViewerProcess(web=options.view == "web", live=options.live)
+        self._rrd, self.is_live = rrd, live
+        sinks = [] if rrd is None else [_file_sink(rrd, live=live)]
+        if view is not None:
+            self.process = ViewerProcess(web=view == "web", live=live)
             sinks.append(rr.GrpcSink(self.process.url))
         opening = partial(self.recording.set_sinks, *sinks, default_blueprint=blueprint)
         opened = run_in_thread(opening, "viewer")
-        self._await(opened, FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S)
+        self._await(opened, FINISH_FLUSH_S if rrd is None else FILE_OPEN_S)
         if self.process is not None and self.process.page is not None:
             notify(f"the viewer is at {self.process.page}")
 

@@ -5,8 +5,7 @@ from math import degrees, hypot, nan
 
 from drivers.events import VehicleId
 from estimator.geometry.quaternion import angle_between, norm, rotate, scale
-from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, Quaternion
-from fuzzbee.outputs import ViewerOptions
+from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion
 from fuzzbee.verdict import Level, verdict_of
 from fuzzbee.viewer import layout
 from fuzzbee.viewer.stream import CLOSED, TIMELINE, ViewerStream, rr
@@ -31,8 +30,10 @@ class ViewerSink(ViewerStream):
 
     name = "viewer"
 
-    def __init__(self, options: ViewerOptions) -> None:
-        super().__init__(options, layout.blueprint())
+    def __init__(
+        self, view: str | None = None, rrd: str | None = None, *, live: bool = False
+    ) -> None:
+        super().__init__(layout.blueprint(), view, rrd, live=live)
         self._tracks: dict[VehicleId, Track] = {}
         self._has_left_out = False
         self._now_us = self._flushed_us = 0
@@ -48,8 +49,6 @@ class ViewerSink(ViewerStream):
             match output:
                 case records.Published():
                     self._take_published(output)
-                case records.Peer(vehicle=vehicle, source=source) if vehicle in self._tracks:
-                    self._tracks[vehicle].others[source] = output.q_ned_frd
                 case records.Evicted(vehicle=vehicle) if vehicle in self._tracks:
                     del self._tracks[vehicle]
                 # before the first record there is no time
@@ -76,7 +75,7 @@ class ViewerSink(ViewerStream):
             tracks[vehicle] = Track(records.vehicle_name(vehicle), min(free), self)
         self._flushed_us = self._flushed_us or self._now_us
         if isinstance(record, AttitudeRecord):
-            tracks[vehicle].take_attitude(record, output.sample)
+            tracks[vehicle].take_attitude(record, output)
         else:
             tracks[vehicle].take_status(record, self._now_us)
 
@@ -89,7 +88,6 @@ class Track:
         self._name = name
         self._stream = stream
         self._due_us: dict[str, int] = {}  # when the next point of a source is drawn
-        self.others: dict[str, Quaternion] = {}  # compared with our next attitude
         self._statuses: tuple[StatusRecord | None, ...] = (None, None)  # the latest, and before
         self._state: State | None = None
         self._verdict: tuple[Level | None, int] = (None, 0)  # logged last, and when
@@ -111,9 +109,9 @@ class Track:
         if state not in records.HAS_ATTITUDE:
             self._log_changes(state, None, now_us)
 
-    def take_attitude(self, record: AttitudeRecord, sample: ImuSample | None) -> None:
-        """Ours, with the sample that it comes from."""
-        now_us = record.time_unix_us
+    def take_attitude(self, record: AttitudeRecord, output: records.Published) -> None:
+        """Ours, with the sample that it comes from, and those of others."""
+        now_us, sample = record.time_unix_us, output.sample
         self._stream.recording.set_time(TIMELINE, timestamp=1e-6 * now_us)
         if self._is_due("ours", now_us, record.q_ned_frd):
             sigma, confidence = record.sigma_deg, record.confidence
@@ -136,10 +134,9 @@ class Track:
                 arrow = scale(factor, rotate(record.q_ned_frd, vector))
                 self._log(f"/bodies/{self._name}/{name}", rr.Arrows3D.from_fields(vectors=[arrow]))
             self._log_changes(State(record.state), record, now_us)
-        for source, q_ned_frd in self.others.items():
+        for source, q_ned_frd in output.peers:
             if self._is_due(source, now_us, q_ned_frd):
                 self._add_other(source, q_ned_frd, record)
-        self.others.clear()
 
     def _is_due(self, source: str, now_us: int, q_ned_frd: Quaternion) -> bool:
         """Whether to draw an attitude, whose body is drawn then; its shape comes with the first."""

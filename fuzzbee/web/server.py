@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib.resources import files
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 import msgspec
@@ -31,20 +31,7 @@ HEADERS = {
 }
 
 
-class Address(NamedTuple):
-    """Where the page is served."""
-
-    host: str
-    port: int
-
-    @property
-    def url(self) -> str:
-        """For a browser on this computer."""
-        host = HOST if ipaddress.ip_address(self.host).is_unspecified else self.host
-        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
-
-
-def parse_address(text: str) -> Address:
+def parse_address(text: str) -> tuple[str, int]:
     """``PORT`` on loopback, or ``HOST:PORT`` with an address of this computer."""
     host, _, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]") or HOST
@@ -55,7 +42,7 @@ def parse_address(text: str) -> Address:
         number = 0
     if not 1 <= number <= MOST_PORT:
         raise InputError(f"--web {text}: should be PORT (1 to {MOST_PORT}) or ADDRESS:PORT")
-    return Address(host, number)
+    return host, number
 
 
 class WebPage:
@@ -68,7 +55,7 @@ class WebPage:
 
     def __init__(
         self,
-        address: Address,
+        address: tuple[str, int],
         title: str,
         model: Latest | None = None,
         now_s: Callable[[], float] = time.monotonic,
@@ -79,9 +66,9 @@ class WebPage:
         try:
             self._door = HttpDoor(self.name, address, self._respond, HEADERS)
         except OSError as error:
-            reason = error.strerror or str(error)
-            raise InputError(f"--web {address.host}:{address.port}: {reason}") from error
-        self.address = Address(address.host, self._door.server_port)
+            raise InputError("--web {}:{}: {}".format(*address, error.strerror or error)) from error
+        self.port = self._door.server_port  # the one in use
+        self.is_loopback = self._door.is_loopback
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Remember the latest records."""
@@ -124,10 +111,11 @@ class WebPage:
 
 def open_page(text: str, title: str, model: Latest | None = None) -> WebPage:
     """The page at an address as it was typed; prints where it is."""
-    page = WebPage(parse_address(text), title, model)
-    is_loopback = ipaddress.ip_address(page.address.host).is_loopback
-    elsewhere = "" if is_loopback else ", for all who reach this address"
-    notify(f"the page is at {page.address.url}{elsewhere}")
+    address = parse_address(text)
+    page = WebPage(address, title, model)
+    elsewhere = "" if page.is_loopback else ", for all who reach this address"
+    host = HOST if ipaddress.ip_address(address[0]).is_unspecified else address[0]
+    notify(f"the page is at http://{f'[{host}]' if ':' in host else host}:{page.port}/{elsewhere}")
     return page
 
 

@@ -1,1 +1,1 @@
-"""Where records go: Zenoh, ROS 2, MAVLink, metrics."""
+"""Where records go: Zenoh, ROS 2, MAVLink."""

@@ -3,7 +3,7 @@
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import wait
 from typing import Any, Protocol
 
@@ -110,15 +110,26 @@ CLOSE_TIMEOUT_S = 0.7  # for all sinks together: the command ends within a secon
 class Outbox(Closing):
     """The sinks of a run, each behind its own outlet."""
 
-    def __init__(self, sinks: Sequence[Sink]) -> None:
+    def __init__(self, sinks: Iterable[Sink] = ()) -> None:
         self.stuck: list[str] = []
         self.unreported: list[str] = []  # lines on errors; after the end, those that came last
-        self._outlets = tuple(Outlet(sink, self.unreported.append) for sink in sinks)
+        self._outlets: list[Outlet] = []
+        for sink in sinks:
+            self.add(sink)
 
     @property
     def dropped(self) -> int:
         """Records that lagging sinks lost."""
         return sum(outlet.dropped for outlet in self._outlets)
+
+    @property
+    def sinks(self) -> list[Sink]:
+        """All of them, in the order in which they were added."""
+        return [outlet.sink for outlet in self._outlets]
+
+    def add(self, sink: Sink) -> None:
+        """Have one more, which is closed with the others."""
+        self._outlets.append(Outlet(sink, self.unreported.append))
 
     def put(self, outputs: Sequence[Output]) -> None:
         """Hand outputs to every sink, and one sink's errors to all; never blocks."""

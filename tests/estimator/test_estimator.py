@@ -16,7 +16,6 @@ from estimator.live.refusal import ACC_LIMIT_M_S2, RATE_LIMIT_RAD_S
 from estimator.live.rows import OUTPUT_SIZE, Q, report_rows_of, rows_of
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
-from estimator.row_taking import take
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 from tests.flight import calibrated
 from tests.paper_noise import samples_of
@@ -199,7 +198,7 @@ def test_rows_of_raw_vectors_are_their_samples_one_by_one():
             straight.update_report(report)
     published = np.empty((len(stream), OUTPUT_SIZE))
     rows = rows_of(*(np.array(column) for column in zip(*stream, strict=True)))
-    assert take(in_rows, rows, published, report_rows_of([(100, report)])) == []
+    assert in_rows.take_all(rows, published, report_rows_of([(100, report)])) == []
     assert [tuple(q) for q in published[:, Q].tolist()] == attitudes
     assert in_rows.snapshot == straight.snapshot
 

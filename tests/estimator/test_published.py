@@ -9,7 +9,7 @@ from estimator.geometry import rotations
 from estimator.geometry.earth import field_at
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse
-from estimator.live.iron import largest_eigenvalue
+from estimator.live.situation import largest_eigenvalue
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from fuzzbee import Estimator as ArrayEstimator

@@ -17,8 +17,7 @@ from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from estimator.errors import InputError
 from estimator.profile import load_profile, merge_profile, parse_profile, profile_to_json
-from fuzzbee.replays.log_report import report_log
-from fuzzbee.replays.trace import How
+from fuzzbee.replays.score import report_log
 from service.pipeline import MAX_VEHICLES, Pipeline
 from service.records import Published
 from service.sinks.zenoh import _json_object
@@ -126,7 +125,8 @@ def test_recordings_cut_swapped_and_joined(tmp_path_factory, one, other, rng):
     path.write_bytes(cases.rearranged(one, rng) + (other if rng.random() < 0.2 else b""))
     reported = []
     with refused_by_name(path.name):
-        report = report_log(path, PROFILES[1], How(notify=reported.append))
+        trace, report = report_log(path, PROFILES[1])
+        reported = trace.lines
         msgspec.json.encode(report)
         cases.assert_finite(msgspec.to_builtins(report))
     assert len(reported) < 200

@@ -9,10 +9,9 @@ import pytest
 
 from drivers.mavlink.constants import mavlink
 from estimator.profile import load_profile
-from fuzzbee.calibration_readings import recording
-from fuzzbee.calibration_report import unmixed
+from fuzzbee.calibration_report import recording, unmixed
 from fuzzbee.cli import main
-from fuzzbee.replays.log_report import replay_log
+from fuzzbee.replays.trace import replay_log
 from tests.fuzzbee.recording import PLANE, bench, rewritten, truth_of, with_iron
 from tests.programs import run_python
 
@@ -209,5 +208,5 @@ def test_that_no_other_compass_has_its_motors_counted_by_current(was, others):
 
 def test_of_several_messages_with_a_velocity_one_is_read():
     trace = replay_log(PLANE, load_profile("imu"))
-    steps_s = np.diff(recording(PLANE, trace, None).velocity_time_s)
+    steps_s = np.diff(recording(trace, None).velocity_time_s)
     assert steps_s.min() > 0.19  # each comes five times a second

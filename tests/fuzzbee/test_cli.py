@@ -95,6 +95,8 @@ BAD = [
         (["calibrate", str(PLANE), "--place", place], "fuzzbee: --place")
         for place in ("here", "47.4", "90,0", "nan,8", "47,1000", "1,2,3")
     ),
+    (["calibrate", "a.tlog", "b.tlog", "-o", "b.tlog"], "--output b.tlog: is also b.tlog"),
+    (["calibrate", str(PLANE), "-o", "none/x.toml"], "no such folder"),
     # of replay, before anything is read
     (["replay", "sim:", "--seeds", "9-3"], "9-3"),
     (["replay", "sim:", "--seeds", "x"], "--seeds x"),

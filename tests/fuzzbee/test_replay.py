@@ -92,6 +92,8 @@ def test_several_profiles_and_logs_come_in_one_table_and_one_figure(replayed, ca
     logs = (DATA / "sub_bluerov.tlog", DATA / ROVER)
     profiles = ("--profile", "imu", "--profile", "adaptive")
     figure = tmp_path / "a.svg"
+    replayed(logs[0], "--profile", "imu", "--profile", "imu", "--plot", figure)  # which are one
+    figure.unlink()
     report = replayed(*logs, *profiles, "--plot", figure)
     names = [(Path(each["source"]).name, each["profile"]) for each in report["logs"]]
     assert names == [(log.name, name) for log in logs for name in ("imu", "adaptive")]

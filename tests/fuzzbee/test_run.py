@@ -206,7 +206,8 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     runner.source = SimpleNamespace(lost=71)
     pipeline = SimpleNamespace(malformed=72, evicted=evicted, scores=None, vehicles=(vehicle,))
     pipeline.refused_frames, pipeline.systems = {"signature": 61, "id": 62}, {3, 1}
-    result = summary(RunOptions(), "imu", 7.0, runner, pipeline)
+    options = RunOptions(source="sim:", profile=None, rate_hz=100.0)
+    result = summary(options, "imu", 7.0, runner, pipeline)
     assert result["heard"] == [1, 3]
     expected = {"ticks": 41, "overruns": 42, "dropped": 43, "lost": 71, "malformed": 72}
     assert {name: result[name] for name in expected} == expected

@@ -6,7 +6,7 @@ import pytest
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.rotations import chained, conjugate, exp, rotate
 from estimator.live import rows
-from estimator.live.rows import OUTPUT_SIZE, cut, rows_of
+from estimator.live.rows import BIAS, OUTPUT_SIZE, RATE, SIGMA, Q, cut, rows_of
 from estimator.profile import load_profile, merge_profile
 from estimator.smoothing import Offered, Recorder, smooth_all
 from fuzzbee import Estimator, replay
@@ -123,17 +123,14 @@ def test_of_rows_given_nothing_is_kept_twice(shaken):
     assert recorder.update_rows(others, output[1:]) == (1499, 0)
     (made,) = recorder.recordings()
     assert all(np.shares_memory(*pair) for pair in zip(made.rows, rows, strict=True))
-    for kept in (made.forward.q_ned_frd, made.forward.sigma_rad, made.bias_rad_s):
-        assert np.shares_memory(kept, output)
+    assert np.shares_memory(made.output, output)
     alone = Recorder(load_profile("imu"))  # of rows that nobody keeps it keeps copies
     alone.take(0, *first, has_mag=True)
     assert alone.update_rows(others, output[1:].copy()) == (1499, 0)
     (own,) = alone.recordings()
     assert all(np.array_equal(*pair) for pair in zip(own.rows, rows, strict=True))
-    for name in ("q_ned_frd", "sigma_rad"):
-        kept, given = (getattr(each.forward, name)[1:] for each in (own, made))
-        assert np.array_equal(kept, given, equal_nan=True)
-        assert not np.shares_memory(kept, output)
+    assert np.array_equal(own.output[1:], made.output[1:], equal_nan=True)
+    assert not np.shares_memory(own.output, output)
 
 
 def test_recorded_sample_by_sample_it_is_the_same(shaken):
@@ -147,10 +144,10 @@ def test_recorded_sample_by_sample_it_is_the_same(shaken):
     times_us, smoothed = smooth_all(recorder)
     rows = times_us // 20_000
     assert len(rows) == 1490
-    for name in ("q_ned_frd", "rate_rad_s"):
-        assert np.array_equal(getattr(whole, name)[rows], getattr(smoothed, name))
-    assert np.array_equal(whole.gyro_bias_rad_s[rows], smoothed.bias_rad_s)
-    assert np.array_equal(whole.sigma_heading_rad[rows], smoothed.sigma_rad[:, 1])
+    assert np.array_equal(whole.q_ned_frd[rows], smoothed[:, Q])
+    assert np.array_equal(whole.rate_rad_s[rows], smoothed[:, RATE])
+    assert np.array_equal(whole.gyro_bias_rad_s[rows], smoothed[:, BIAS])
+    assert np.array_equal(whole.sigma_heading_rad[rows], smoothed[:, SIGMA][:, 1])
 
 
 def test_between_holes_a_vehicle_is_joined_and_not_averaged(shaken):

@@ -191,8 +191,13 @@ def test_what_gains_nothing_is_not_written_unless_forced(tmp_path, tuned):
     assert answer["held_out_after"] > 0.99 * answer["held_out_before"]
     assert "nothing gained on what was held out" in printed
     assert not list(tmp_path.iterdir())
-    assert tuned(*few, "--force")[0]["file"] == str(file)
-    assert load_profile(str(file)).provenance.options["parameters"] == "gain"
+    fuzzy = tmp_path / "fuzzy.toml"
+    rules = {"filter": {"gain": "fuzzy"}}
+    fuzzy.write_text(profile_to_toml(merge_profile(load_profile("imu"), rules)))
+    assert tuned(*few, "--base", fuzzy, "--force")[0]["file"] == str(file)
+    found = load_profile(str(file))
+    assert found.filter.gain == "fixed"  # or the number that was tuned would have no effect
+    assert found.provenance.options["parameters"] == "gain"
 
 
 @pytest.mark.parametrize(

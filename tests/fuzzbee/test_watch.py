@@ -168,7 +168,8 @@ def test_whatever_is_published_neither_ends_watch_nor_reaches_the_terminal(rng):
         reception = Reception(view.notify)
         with closing(view):
             for key, payload in samples:
-                show(reception.record(key, payload), view)
+                if (received := reception.record(key, payload)) is not None:
+                    show(*received, view)
             view.refresh()
         shown = out.getvalue() + err.getvalue()
         for text in ("\x07", "\x9b", "\u202e", "\x1b[2J", "\x1b]0", "1e+30", "0" * 20):
@@ -181,7 +182,7 @@ def require_a_line_for_each(samples):
     reception, out = Reception([].append), io.StringIO()
     with redirect_stdout(out), redirect_stderr(io.StringIO()):
         given = [reception.record(key, payload) for key, payload in samples if "attitude" in key]
-        count = sum(show(each, None) for each in given)
+        count = sum(show(*each, None) for each in given if each is not None)
     written = out.getvalue().splitlines()
     assert len(written) == count
     for line in written:

@@ -13,7 +13,7 @@ import pytest
 
 from drivers.events import VehicleId
 from estimator.errors import InputError
-from fuzzbee.web.server import Address, WebPage, open_page, parse_address
+from fuzzbee.web.server import WebPage, open_page, parse_address
 from service.http_door import MOST_CONNECTIONS, STREAM_PART
 from service.records import Evicted, ImuDifference, Published, State
 from tests.fuzzbee import browser
@@ -29,13 +29,13 @@ def clock():
 
 @pytest.fixture
 def page(clock):
-    with closing(WebPage(Address("127.0.0.1", 0), "a test", now_s=lambda: clock[0])) as made:
+    with closing(WebPage(("127.0.0.1", 0), "a test", now_s=lambda: clock[0])) as made:
         yield made
 
 
 def asked(page, path):
     """The answer, which can be read from."""
-    connection = http.client.HTTPConnection("127.0.0.1", page.address.port, timeout=10)
+    connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=10)
     connection.request("GET", path)
     return connection.getresponse()
 
@@ -126,8 +126,8 @@ def test_an_address_is_loopback_unless_another_is_given(text, address):
 
 
 def test_a_taken_port_is_named(page):
-    with pytest.raises(InputError, match=rf"--web 127.0.0.1:{page.address.port}: .*in use"):
-        open_page(str(page.address.port), "again")
+    with pytest.raises(InputError, match=rf"--web 127.0.0.1:{page.port}: .*in use"):
+        open_page(str(page.port), "again")
 
 
 @pytest.mark.skipif(browser.program() is None, reason="no Chromium")
@@ -135,7 +135,7 @@ def test_a_browser_shows_one_vehicle_or_all_and_what_is_stale(page, clock, tmp_p
     """At a phone's size; screenshots go to FUZZBEE_SCREENSHOTS, for whoever wants to look."""
     folder = Path(os.environ.get("FUZZBEE_SCREENSHOTS", tmp_path))
     page.handle([Published(ONE, record(10, -20, 30)), Published(ONE, running())])
-    with browser.page(page.address.url, tmp_path / "profile") as seen:
+    with browser.page(f"http://127.0.0.1:{page.port}/", tmp_path / "profile") as seen:
         seen.resize(390, 844)
         seen.wait_for("globalThis.at && at('heading').textContent == '030°'")
         (folder / "web-one.png").write_bytes(seen.screenshot())

@@ -14,7 +14,7 @@ from estimator.geometry.rotations import exp, multiply
 from estimator.live.rows import rows_of
 from estimator.profile import load_profile, merge_profile
 from fuzzbee import replay
-from fuzzbee.replays.log_report import report_log
+from fuzzbee.replays.score import report_log
 from fuzzbee.tune.read_flight import read_flight
 from tests.fuzzbee.recording import DATA, SLOW
 from tuning.calls import WRONG_TURN, Call
@@ -56,7 +56,7 @@ def flight(rate_hz=50.0, duration_s=80.0, seed=3):
 
 def test_a_flight_is_scored_as_replay_scores_it(recorded):
     """To the last digit: the same calls to the same estimator, aided by velocity in this flight."""
-    report = report_log(SLOW, imu())
+    _, report = report_log(SLOW, imu())
     for angle, figure in zip(("inclination", "heading"), measure(imu(), recorded)[:2], strict=True):
         assert figure.rms_deg == getattr(report.error_deg, f"{angle}_rms")
         assert figure.coverage == getattr(report.coverage, angle)

@@ -222,7 +222,7 @@ def test_noise_has_moved_where_it_doubles_and_not_by_a_stronger_field(noise, fie
 # property change anything.
 NOT_LOGGED = {"attitude", "replace_profile"}
 # In place of ``update``, for arrays of samples, which nobody retunes on.
-OF_ARRAYS = {"take", "update_rows"}
+OF_ARRAYS = {"take", "take_all", "update_rows", "put"}
 
 
 def test_every_change_from_outside_is_logged():

@@ -31,21 +31,18 @@ class SensorFit(NamedTuple):
     """The constants found, and how sure they are.
 
     ``sigma`` has the keys of ``found``, matrices as nine numbers; of one recording it leaves out
-    how much its pieces differ. ``left`` says of each key which share of the variance before the
-    recordings have left, of a matrix on its diagonal. ``predicted`` says which share of what it
-    would win of a part of the recordings it wins by all others; ``found`` has those that win half.
-    ``x`` (36,) is the whole result, in the order of :mod:`tuning.calibration.spans`.
-    ``field_misfits`` are shares of the field's strength, ``lags_s`` those of velocity,
-    accelerometer and compass behind the gyroscope, each of a recording.
+    how much its pieces differ. ``left`` is the share of each key's variance before that the
+    recordings have left, of a matrix on its diagonal, and ``predicted`` the share of what it would
+    win of a part of the recordings that it wins by all others; ``found`` has those that win half.
     """
 
     found: Calibration
     sigma: dict[str, list[float]]
     left: dict[str, float]
     predicted: dict[str, float]
-    x: Floats
-    field_misfits: list[float]
-    lags_s: list[list[float]]
+    x: Floats  # (36,), the whole result in the order of :mod:`tuning.calibration.spans`
+    field_misfits: list[float]  # shares of the field's strength, of each recording
+    lags_s: list[list[float]]  # of velocity, accelerometer and compass behind the gyroscope
 
 
 def fit_sensors(recordings: Sequence[Recording]) -> SensorFit:

@@ -1,13 +1,11 @@
 """When a profile is retuned while it runs, and by what proof, without a truth.
 
-A pure machine: segments in, decisions out, no clock. The same segments give the same decisions, so
-a log that is replayed is retuned as it would be again.
-
-It rests while the readings' noise is what was learnt. Where that has moved, and two segments in a
-row agree on what it is now, the colony searches on the earlier of them. Its best, the base profile
-and what was in force before the last move are judged on the later one and on those that follow: a
-winner is at least 5 % cheaper than what is in force, and beyond chance. After a move that is not
-back it searches once more.
+Segments in, decisions out, no clock: the same segments give the same decisions. It rests while the
+readings' noise is what was learnt. Where that has moved, and two segments in a row agree on what it
+is now, the colony searches on the earlier of them. Its best, the base profile and what was in force
+before the last move are judged on the later one and on those that follow: a winner is at least 5 %
+cheaper than what is in force, and beyond chance. After a move that is not back it searches once
+more.
 """
 
 from collections.abc import Callable
@@ -27,22 +25,15 @@ from tuning.search import Search, SearchOptions
 from tuning.space import Parameter, Space, decode, encode
 
 LEAST_GAIN = 0.05
-# Student's t of the paired half seconds; chance exceeds it once in thirty.
-LEAST_T = 2.0
-# A candidate that seems to win is judged on so many segments at most, until it does beyond chance.
-MOST_SEGMENTS = 4
-# Half a second in which the vectors are 60 deg from what was predicted is an event, and no noise.
-EVENT = 0.25
-FOOD_SOURCES = 6
-CYCLES = 2
-# Why a candidate is one.
-CHANGED, BACK = "noise has changed", "taken back"
+LEAST_T = 2.0  # Student's t of the paired half seconds; chance exceeds it once in thirty
+MOST_SEGMENTS = 4  # that a candidate is judged on, while it may win
+EVENT = 0.25  # half a second in which vectors are 60 deg from what was predicted; it is no noise
+FOOD_SOURCES, CYCLES = 6, 2
+CHANGED, BACK = "noise has changed", "taken back"  # why a candidate is one
+MOST_FACTOR, MOST_MOVE = 30.0, 3.0  # in all, and in one move
 
 # Search from kept positions (M, D); returns those to keep
 Look = Callable[[Search, Floats, np.random.Generator], Floats]
-
-MOST_FACTOR, MOST_MOVE = 30.0, 3.0  # in all, and in one move
-
 # Keys of a profile (section, key, power) that are multiplied by powers of one factor, by its name.
 Numbers = dict[str, tuple[tuple[str, str, float], ...]]
 
@@ -89,16 +80,12 @@ def space_around(base: Profile, factors: Floats) -> Space:
 
 
 class Decision(NamedTuple):
-    """A change of the profile in force: what it becomes, as a partial profile, and why.
+    """A change of the profile in force, and why."""
 
-    ``gain`` is the share of the cost that it saved where it was judged, ``summary`` one line for a
-    person: by which factors the base profile's numbers are multiplied.
-    """
-
-    update: dict[str, dict[str, float]]
+    update: dict[str, dict[str, float]]  # a partial profile
     reason: str
-    gain: float
-    summary: str
+    gain: float  # the share of the cost that it saved where it was judged
+    summary: str  # a line with the factors of the base profile's numbers
 
 
 class Trial(NamedTuple):
@@ -131,9 +118,7 @@ class Retuner:
     """The decisions about one vehicle, from segment to segment."""
 
     def __init__(self, base: Profile, seed: int = 0, look: Look = bees) -> None:
-        self._look = look
-        self._generator = np.random.default_rng(seed)
-        self._base = base
+        self._base, self._look, self._generator = base, look, np.random.default_rng(seed)
         ones = np.ones(len(numbers_of(base)))
         self._now = self._before = ones  # factors in force, and before the last move
         self._kept = ones[None, :]  # the colony's food sources
@@ -211,10 +196,9 @@ class Retuner:
 
 
 class RetunedEstimator(LoggedEstimator):
-    """Retuned on the spot every five seconds of the vehicle's time: for replay.
+    """Retuned on the spot every five seconds of the vehicle's time, or by ``on_segment``.
 
-    With ``on_segment`` segments are handed to that instead. One ends early, and is dropped, when
-    somebody replaces the profile.
+    A segment ends early, and is dropped, when somebody replaces the profile.
     """
 
     def __init__(

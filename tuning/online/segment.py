@@ -24,18 +24,12 @@ from tuning.calls import WRONG_TURN, Calls, Course, course_of, split_calls
 from tuning.prediction import heading_errors, predicted_vectors
 
 SEGMENT_S = 5.0
-# In a silence longer than this nobody knows what the vehicle has done.
-LONGEST_GAP_S = 0.5
-PULL_IN_S = 1.0
-PULL_IN_WEIGHT = 1.0 / 300.0
-# Errors of half a second have something in common; those of different ones are nearly independent.
-BLOCK_S = 0.5
-# Two readings further apart show about motion, not about noise.
-LONGEST_STEP_S = 0.15
-# Less noise than this counts as none: (1 mrad)^2, and (1 mrad/s)^2.
-LEAST_NOISE = 1e-6
-# A mean square that has changed by less is what it was; noise twice as large changes it by four.
-CHANGED = 2.0
+LONGEST_GAP_S = 0.5  # in a longer silence nobody knows what the vehicle has done
+PULL_IN_S, PULL_IN_WEIGHT = 1.0, 1.0 / 300.0
+BLOCK_S = 0.5  # errors of different blocks are nearly independent
+LONGEST_STEP_S = 0.15  # two readings further apart show about motion, not about noise
+LEAST_NOISE = 1e-6  # less counts as none: (1 mrad)^2, and (1 mrad/s)^2
+CHANGED = 2.0  # of a mean square; noise twice as large changes it by four
 
 
 @dataclass(frozen=True)
@@ -74,10 +68,7 @@ def joined(earlier: Segment, later: Segment) -> Segment:
 
 
 def fly_again(profile: Profile, segment: Segment, wrong_ned: Quaternion | None = None) -> Course:
-    """The segment again with another profile, from the state before it.
-
-    With a ``wrong_ned`` turn the filter's attitude is turned by it at the beginning.
-    """
+    """The segment again with another profile, from the state before it, turned if that is given."""
     before = segment.before
     if wrong_ned is not None:
         turned = multiply(wrong_ned, before.core.filter.q_ned_frd)

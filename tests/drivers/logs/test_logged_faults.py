@@ -11,7 +11,7 @@ from drivers.events import ClockReset
 from drivers.logs.open import open_log
 from estimator.profile import load_profile
 from fuzzbee.cli import main
-from fuzzbee.replays.log_report import report_log
+from fuzzbee.replays.score import report_log
 from tests.drivers.logs.writers import (
     ALL_WRITERS,
     LAST_S,
@@ -97,7 +97,7 @@ def test_a_sensors_fault_is_refused_and_the_attitude_holds_after_it(kind, name, 
     for time_s, sample in flight():
         (before if time_s < BEGIN_S else during if time_s < END_S else after).append(sample)
     path = WRITERS[kind]([*before, *fault(during), *after], tmp_path)
-    report = report_log(path, load_profile("paper"), skip_s=END_S + 3.0)
+    _, report = report_log(path, load_profile("paper"), skip_s=END_S + 3.0)
     assert set(report.rejected) == expected
     assert report.error_deg.total_rms < HOLDS_DEG
 
@@ -109,7 +109,7 @@ def test_a_leap_of_the_clock_is_cut_out(kind, step_s, tmp_path):
     # a log that knows no arrivals knows no short leap from a hole
     resets = 1 if kind == "tlog" or step_s > 600 else 0
     assert len(of(ClockReset, open_log(path))) == resets
-    report = report_log(path, load_profile("paper"), skip_s=BEGIN_S + 5.0)
+    _, report = report_log(path, load_profile("paper"), skip_s=BEGIN_S + 5.0)
     assert report.error_deg.total_rms < HOLDS_DEG
 
 

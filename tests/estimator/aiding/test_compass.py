@@ -23,7 +23,6 @@ from estimator.geometry.metrics import angle_errors
 from estimator.geometry.quaternion import exp, multiply, scale
 from estimator.live.aided import conditioned_vectors
 from estimator.live.compass_check import judge_mounting
-from estimator.live.core import flat
 from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3
 from tests.flight import (
@@ -294,9 +293,9 @@ def test_a_compass_that_velocity_confirms_goes_on_giving_the_heading():
 
 def test_a_compass_that_is_found_turned_is_turned_once_in_a_look():
     """The rest of the turn that the aiding had learnt belongs to the readings before."""
-    state = taken_along(Estimator(PROFILE), LONG_FLIGHT, 2_000)._state
+    state = taken_along(Estimator(PROFILE), LONG_FLIGHT, 2_000)
     state.change_context(compass=Compass())  # as if nobody had said a word
-    now, P = state.core.core, np.array(state.core.core_in_arrays.covariance)
+    now, P = state.core, state.core.covariance
     P[COMPASS_TURN, COMPASS_TURN] = 1e-8
     seen = now.seen._replace(sigma_heading_rad=0.02, sigma_inclination_rad=0.01)
     by_field = align(conditioned_vectors(state.settings.reference, seen))
@@ -304,8 +303,8 @@ def test_a_compass_that_is_found_turned_is_turned_once_in_a_look():
         q_ned_frd=multiply(exp((0.0, 0.0, 1.0)), by_field), compass_turn_rad=0.5
     )
     aided = now.aided._replace(estimate=estimate, sigma=now.aided.sigma._replace(heading_rad=0.02))
-    state.set_core(now._replace(seen=seen, aided=aided, covariance=flat(P)))
-    judge_mounting(state, state.core.core)
+    state.set_core(now._replace(seen=seen, aided=aided, covariance=P))
+    judge_mounting(state, state.core)
     assert abs(state.context.compass.turned_rad) == pytest.approx(1.0)
 
 

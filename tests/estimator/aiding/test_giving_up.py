@@ -12,7 +12,7 @@ from estimator.conditioning.robust import FAR
 from estimator.geometry import quaternion as qn
 from estimator.geometry.metrics import angle_errors
 from estimator.live.aiding_span import give_up
-from estimator.live.core import UNSEEN, flat
+from estimator.live.core import UNSEEN
 from estimator.live.starts import is_better, start_level
 from estimator.live.state import State
 from estimator.profile import load_profile
@@ -72,9 +72,9 @@ def lost(heading_deg, acceleration_tilt=UNREPORTED, off_deg=60.0):
         acceleration_tilt=acceleration_tilt,
     )
     state.set_core(
-        state.core.core._replace(
+        state.core._replace(
             aided=aided,
-            covariance=flat(P + 0.01 * np.eye(types.SIZE)),
+            covariance=P + 0.01 * np.eye(types.SIZE),
             sample=NO_SAMPLE._replace(dt_s=0.5),
             seen=UNSEEN._replace(
                 gravity_b=qn.rotate_inverse(LEVEL, DOWN), sigma_inclination_rad=radians(6.0)
@@ -90,7 +90,7 @@ def test_of_a_lost_vertical_and_a_known_heading_the_heading_stays():
     state = lost(heading_deg=10.0)
     give_up(state)
     assert state.context.phase is Phase.AIDED
-    core = state.core.core
+    core = state.core
     q, P = core.aided.estimate.q_ned_frd, np.array(core.covariance).reshape(types.SIZE, types.SIZE)
     assert max(angle_errors(q, LEVEL)) < 1e-6
     assert max(angle_errors(core.filter.q_ned_frd, LEVEL)) < 1e-6
@@ -105,7 +105,7 @@ def test_of_a_lost_vertical_and_a_known_heading_the_heading_stays():
 def test_the_heading_is_known_the_less_the_further_the_vertical_was_off(off_deg):
     """68 % of turns whose vertical part scatters by 10 deg leave a heading within that sigma."""
     rng = np.random.default_rng(5)
-    core = lost(10.0, off_deg=off_deg).core.core
+    core = lost(10.0, off_deg=off_deg).core
     q, within, start = core.aided.estimate.q_ned_frd, 0, start_level(core, radians(10.0))
     for down in radians(10.0) * rng.standard_normal(4000):
         truth = qn.multiply(qn.conjugate(qn.exp((radians(off_deg), 0.0, down))), q)
@@ -125,20 +125,20 @@ def test_a_heading_as_good_as_none_goes_with_the_vertical(heading_deg, off_deg):
 def test_an_attitude_that_nothing_contradicts_is_not_inflated():
     """It explains the reports' acceleration. Inflating it repeatedly would lose its heading."""
     state = lost(heading_deg=10.0, acceleration_tilt=FELT_AS_REPORTED)
-    before = state.core.core
+    before = state.core
     for _ in range(3):
         give_up(state)
-    assert (state.context.phase, state.core.core) == (Phase.AIDED, before)
+    assert (state.context.phase, state.core) == (Phase.AIDED, before)
 
 
 def test_one_that_is_contradicted_is():
     state = lost(heading_deg=10.0)
-    core = state.core.core
+    core = state.core
     late = types.Agreements(*(each._replace(far_off_s=2.0) for each in core.aided.agreement))
     aided = core.aided._replace(agreement=late)
     state.set_core(core._replace(aided=aided, seen=core.seen._replace(sigma_inclination_rad=pi)))
     give_up(state)
-    after = state.core.core
+    after = state.core
     assert state.context.phase is Phase.AIDED
     assert after.aided.sigma == pytest.approx((radians(200.0), radians(40.0)))
     assert after.covariance[0] == pytest.approx(FAR * core.covariance[0])

@@ -15,8 +15,13 @@ from estimator.aiding.velocity_history import (
     new_velocity_history,
 )
 from estimator.estimator import Estimator
-from estimator.live.reports import MOST_WAITING, enqueue, take_due_velocities
-from estimator.live.rows import TIME, report_rows_of
+from estimator.live.rows import (
+    MOST_WAITING,
+    TIME,
+    enqueue,
+    report_rows_of,
+    take_due_velocities,
+)
 from estimator.types import VelocitySample
 from tests.flight import banked_flight, north_known, taken_along
 

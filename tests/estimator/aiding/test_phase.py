@@ -8,7 +8,7 @@ from estimator.aiding.search import EMPTY_SEARCH, SEARCH_ANEW
 from estimator.conditioning.params import LONG_S
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, rotate
-from estimator.live.core import UNSEEN, flat
+from estimator.live.core import UNSEEN
 from estimator.live.refusal import is_gap, mean_interval
 from estimator.live.rows import TIME
 from estimator.live.settings import settings_of
@@ -63,9 +63,9 @@ class Pilot:
 
 def require_nothing_stale(estimator, now):
     phase, core = now.context.phase, now.core
-    state, covariance, velocity_history = blank_aiding(settings_of(estimator.profile).aiding)
+    state, *arrays = blank_aiding(settings_of(estimator.profile).aiding)
     if phase is not Phase.AIDED:
-        blank = (state, flat(covariance), flat(velocity_history))
+        blank = (state, *(tuple(array.ravel().tolist()) for array in arrays))
         assert (core.aided, core.covariance, core.velocity_history) == blank
     if phase in (Phase.EMPTY, Phase.RAW):
         assert (core.seen, core.search) == (UNSEEN, EMPTY_SEARCH)

@@ -131,7 +131,7 @@ def test_without_a_class_there_are_no_wheels_and_the_profile_goes_first():
         (lambda: estimator.replace_profile(merge_profile(load_profile("imu"), own)), 0.4),
     ):
         change()
-        assert estimator._state.settings.aiding.sideslip_rad == pytest.approx(sideslip_rad)
+        assert estimator.settings.aiding.sideslip_rad == pytest.approx(sideslip_rad)
 
 
 def rolled(rng, *, sense, windows=8, tilt=(0.0, 0.0), noise_m_s2=0.1):
@@ -168,7 +168,7 @@ def test_what_stands_may_go_on_either_way():
 
 
 def test_what_wheels_have_shown_outlasts_a_gap_unless_they_contradict_the_compass():
-    settings = calibrated(load_profile("imu"))._state.settings
+    settings = calibrated(load_profile("imu")).settings
     core = initial_core(settings)
     shown = Wheels()._replace(rolled_s=4.0, show_north=True)
     for wheels, left in ((shown, shown), (shown._replace(contradict=True), Wheels())):

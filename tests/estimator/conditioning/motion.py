@@ -16,7 +16,7 @@ from estimator.geometry import quaternion as qn
 from estimator.live import kernel_handle
 from estimator.live.core import in_arrays, initial_core
 from estimator.live.settings import settings_of
-from estimator.live.step import Situation
+from estimator.live.situation import Situation
 from estimator.profile import load_profile
 from estimator.types import IDENTITY, NO_SAMPLE, Quaternion, Vec3
 from estimator.types import Sample as Reading
@@ -117,7 +117,7 @@ class Stage:
     def __init__(self, params: ConditioningParams, memory: Memory | None = None) -> None:
         known, gathered = memory or Memory(initial_state(params))
         core = in_arrays(initial_core(SETTINGS))._replace(conditioning=known, gathered=gathered)
-        chosen = kernel_handle.params_of(SETTINGS)._replace(conditioning=params)
+        chosen = SETTINGS._replace(conditioning=params)
         rows = kernel_handle.NO_ROWS_BOUND
         self._handle = kernel_handle.new_handle(chosen, core, Situation(), *rows)
 

@@ -11,7 +11,7 @@ from drivers.simulation.simulated_vehicle import simulate
 from estimator.filter import kernel, reference
 from estimator.filter.noise_gain import NO_NOISE, NoiseState
 from estimator.filter.observation import raw_vectors
-from estimator.filter.types import NO_DECAY, FilterParams, FilterState, Vectors
+from estimator.filter.types import FilterParams, FilterState, Vectors
 from estimator.geometry.quaternion import cross, dot, exp, multiply, unit
 from estimator.types import Sample
 from tests.estimator.filter.vehicles import FUZZY, GRAVITY, MAGNETIC, PAPER, fixed, seen_from, three
@@ -53,24 +53,10 @@ def random_noise(rng):
 
 
 def numbers(state):
-    """All of a state in one row, but its attitude and the decay that the kernel remembers."""
+    """All of a state in one row, but its attitude."""
     state = state._asdict()
-    del state["q_ned_frd"], state["decay"]
+    del state["q_ned_frd"]
     return np.hstack([np.ravel(value) for value in (*state.pop("noise"), *state.values())])
-
-
-@pytest.mark.parametrize("K", [20.0, 1.0])
-def test_a_step_takes_the_decay_of_its_own_length(K):
-    """A decay that is remembered serves steps of its own length and gain only."""
-    params = FUZZY._replace(gain_is_fixed=True, fixed_gain=K, euler_step_max_s=0.0)
-    rng = np.random.default_rng(5)
-    state, vectors = random_state(rng), random_vectors(rng)
-    for dt in (0.01, 0.01, 0.02, 0.01):
-        alone = kernel.correct(params, state._replace(decay=NO_DECAY), vectors, dt)
-        state = kernel.correct(params, state, vectors, dt)
-        assert state == alone
-    other = kernel.correct(params._replace(fixed_gain=2.0 * K), state, vectors, 0.01)
-    assert other.decay == pytest.approx((2.0 * state.decay[0], -np.expm1(-2.0 * state.decay[0])))
 
 
 def random_params(rng):

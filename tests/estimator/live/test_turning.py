@@ -1,21 +1,36 @@
 """Body rates of another messenger between IMU samples."""
 
 from math import cos, pi, sin
+from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import add, angle_between, exp, multiply, scale
 from estimator.live import turning
-from estimator.live.turning import NO_AXES, STILL, Turning, stand_in, take_between, take_rate
+from estimator.live.core import in_arrays, initial_core
+from estimator.live.settings import settings_of
+from estimator.live.turning import NO_AXES, Turning, keep_rate, stand_in, take_between
 from estimator.profile import load_profile, merge_profile
 from estimator.types import IDENTITY, NOTHING_BETWEEN, ZERO_VEC3, ImuSample, RateSample
 
 BIAS = 0.05
 STEP_S = 0.5
 SECOND = 1_000_000
-NO_RATES = np.zeros((0, turning.COLUMNS))
+SETTINGS = settings_of(load_profile("imu"))
+
+
+def handle():
+    """The state before any sample and any rate, in plain Python."""
+    core = in_arrays(initial_core(SETTINGS))
+    return SimpleNamespace(params=SETTINGS, **core._asdict())
+
+
+def taken(state, time_us, gyr):
+    """What the rates show of the turning up to a sample, which is the last one then."""
+    shown, _ = take_between(state, time_us, gyr)
+    state.time_us = time_us
+    return shown
 
 
 def rate_at(time_s):
@@ -27,16 +42,15 @@ def rate_at(time_s):
 
 def flown(seconds, *, late_s=0.0, every_s=0.05):
     """The turning between samples 0.5 s apart; the rates' clock is ``late_s`` off."""
-    state, rates, shown, next_rate = Turning(), NO_RATES, [], 1
+    state, shown, next_rate = handle(), [], 1
     for k in range(1, round(seconds / STEP_S)):
         while next_rate * every_s <= k * STEP_S:
             stamp = round((next_rate * every_s + late_s) * SECOND)
-            rates = take_rate(state, rates, stamp, rate_at(next_rate * every_s))
+            keep_rate(state, stamp, rate_at(next_rate * every_s))
             next_rate += 1
         at = round(k * STEP_S * SECOND)
         gyr = add(rate_at(k * STEP_S), (BIAS,) * 3)
-        state, rates, one = take_between(state, rates, at - SECOND // 2, at, gyr)
-        shown.append(one)
+        shown.append(taken(state, at, gyr))
     return shown
 
 
@@ -61,9 +75,9 @@ def test_rates_of_another_time_are_noticed(late_s):
 
 
 def test_rates_too_far_apart_show_nothing():
-    rates = take_rate(STILL, NO_RATES, SECOND // 10, (0.1, 0.0, 0.0))
-    *_, shown = take_between(STILL, rates, 0, SECOND, ZERO_VEC3)
-    assert shown == NOTHING_BETWEEN
+    state = handle()
+    keep_rate(state, SECOND // 10, (0.1, 0.0, 0.0))
+    assert taken(state, SECOND, ZERO_VEC3) == NOTHING_BETWEEN
 
 
 def roll_after(profile_rates):
@@ -103,27 +117,25 @@ def test_rates_that_are_none_are_refused():
 def test_a_vibration_at_the_samples_own_rate_is_no_turn(samples_hz, most_rad_s):
     """Each sample sees the same phase, a turn of 1 rad/s; rates between show that it ends."""
     step_us = SECOND // samples_hz
-    state, rates, turns = STILL, NO_RATES, []
+    state, turns = handle(), []
     for k in range(1, 50):
         for since_us in range(SECOND // 50, step_us + 1, SECOND // 50):
             at_us = (k - 1) * step_us + since_us
             phase = 2.0 * pi * samples_hz * at_us / SECOND
-            rates = take_rate(state, rates, at_us, (cos(phase), 0.0, 0.0))
-        state, rates, shown = take_between(
-            state, rates, (k - 1) * step_us, k * step_us, (1.0, 0.0, 0.0)
-        )
+            keep_rate(state, at_us, (cos(phase), 0.0, 0.0))
+        shown = taken(state, k * step_us, (1.0, 0.0, 0.0))
         turns.append(shown.turn_rad_s[0] if shown.given else 1.0)
     assert abs(turns[-1]) < most_rad_s
 
 
 def test_the_first_samples_show_their_bias_at_once():
     """A mean of the differences so far, and not a twentieth of a second's after a second."""
-    state, rates, bias = STILL, NO_RATES, (0.01, -0.03, 0.02)
+    state, bias = handle(), (0.01, -0.03, 0.02)
     for k in range(1, 9):
         at_us = k * SECOND // 2
-        rates = take_rate(state, rates, at_us, ZERO_VEC3)
-        state, rates, _ = take_between(state, rates, at_us - SECOND // 2, at_us, bias)
-        assert state.offset_rad_s == pytest.approx(bias)
+        keep_rate(state, at_us, ZERO_VEC3)
+        taken(state, at_us, bias)
+        assert state.turning.offset_rad_s == pytest.approx(bias)
 
 
 X_AXIS, EACH = (True, False, False), (True, True, True)
@@ -159,9 +171,9 @@ def test_when_rates_stand_in_for_a_contradicted_axis(contradicted, known, does):
 
 
 def test_of_more_rates_than_are_kept_the_oldest_go():
-    state, rates = STILL, NO_RATES
-    for k in range(turning.MOST_WAITING + 3):
-        rates = take_rate(state, rates, k, (1e-3 * k, 0.0, 0.0))
-    rates = take_rate(state, rates, k, ZERO_VEC3)  # not later: dropped
-    assert len(rates) == turning.MOST_WAITING
-    assert rates[[0, -1], :2].tolist() == [[3, 3e-3], [k, 1e-3 * k]]
+    state = handle()
+    for k in range(1, turning.MOST_WAITING + 4):
+        keep_rate(state, k, (1e-3 * k, 0.0, 0.0))
+    keep_rate(state, k, ZERO_VEC3)  # not later: dropped
+    assert len(state.rates) == turning.MOST_WAITING
+    assert state.rates[[0, -1], :2].tolist() == [[4, 4e-3], [k, 1e-3 * k]]

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from estimator.conditioning.vertical.averaging import WINDOW_S
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.rotations import about_down, chained, conjugate, exp, log, rotate
-from estimator.live.rows import ROW, report_of, report_rows_of
+from estimator.live.rows import ROW, SIGMA, Q, report_of, report_rows_of
 from estimator.profile import load_profile
 from estimator.smoothing import Recorder, smooth, smooth_all
 from estimator.smoothing.backward import turned_round
@@ -67,7 +67,7 @@ def smoothed(flight):
     recorder = Recorder(load_profile("imu"))
     flown(recorder, flight, reports=[])
     _, found = smooth_all(recorder)
-    return np.hstack([found.q_ned_frd, found.sigma_rad])
+    return found[:, np.r_[Q, SIGMA]]
 
 
 def test_pieces_with_wide_margins_are_what_the_whole_is(monkeypatch):
@@ -157,6 +157,6 @@ def test_a_field_that_points_elsewhere_for_a_while_does_not_count_on_the_way_bac
     counts = usable_fields(recording)
     assert not counts[is_turned].any()
     assert counts[~is_turned].mean() > 0.95  # all but what is less than 4 s away from it
-    smoothed = heading_deg(smooth_all(recorder)[1].q_ned_frd, q)
+    smoothed = heading_deg(smooth_all(recorder)[1][:, Q], q)
     assert smoothed < 0.3 * heading_deg(causal, q)
     assert smoothed < 0.4

@@ -7,7 +7,6 @@ import pytest
 
 from drivers.events import VehicleId
 from estimator.errors import InputError
-from fuzzbee.latest import Latest
 from service.pipeline import MOST_QUIET_HZ
 from service.records import Evicted, Message, Published, vehicle_name
 from tests.service.records import differing, record, status
@@ -15,12 +14,12 @@ from tests.service.records import differing, record, status
 pytest.importorskip("prometheus_client", reason="the extra metrics is not installed")
 from prometheus_client.parser import text_string_to_metric_families
 
-from service.sinks.metrics import MetricsSink
+from fuzzbee.metrics import MetricsSink
 
 
 @pytest.fixture
 def sink():
-    with closing(MetricsSink(0, Latest())) as made:
+    with closing(MetricsSink(0)) as made:
         yield made
 
 
@@ -58,7 +57,7 @@ def test_a_scrape_has_the_latest_of_each_vehicle(sink):
 def test_before_the_first_vehicle_there_is_a_page_and_a_taken_port_is_named(sink):
     assert scrape(sink)["fuzzbee_overruns_total", ()] == 0
     with pytest.raises(InputError, match=str(sink.port)):
-        MetricsSink(sink.port, Latest())
+        MetricsSink(sink.port)
 
 
 def test_a_lost_vehicle_has_an_age_but_no_attitude_and_one_that_is_forgotten_nothing(sink):

@@ -1,6 +1,7 @@
-"""How far a heading by the field may be off, by what is known of the compass and its iron."""
+"""What the steps know of the context: the vectors' source, and how the compass stands."""
 
 from math import acos, cos, radians, sqrt
+from typing import NamedTuple
 
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.compilation.compiled import inlined
@@ -8,16 +9,36 @@ from estimator.conditioning.field.calibration import most_variances
 from estimator.conditioning.field.magnetic import NORM_SCALE, deviation, horizontal_down, norm_of
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.state import ConditioningState
-from estimator.types import Vec3
+from estimator.types import NEVER_US, Vec3
+
+# What the filter's vectors come from.
+RAW, CONDITIONED, AIDED = range(3)
 
 # The standing of the compass: velocity has confirmed its heading; it is declared calibrated; it is
 # not declared, but turns may show its iron; there is evidence against it that turns cannot refute.
-PROVEN = 0
-VOUCHED = 1
-BY_TURNS = 2
-CONTRADICTED = 3
+PROVEN, VOUCHED, BY_TURNS, CONTRADICTED = range(4)
 # A compass that is declared calibrated is mounted this well, rad: only velocity shows more.
 MOUNTED_RAD = radians(5.0)
+
+
+class Situation(NamedTuple):
+    """The part of the context that the steps need, see :mod:`estimator.live.core`."""
+
+    source: int = RAW
+    standing: int = VOUCHED  # of the compass
+    rejected_until_us: int = NEVER_US  # until when that is ``CONTRADICTED``
+    used_from_us: int = NEVER_US  # from when on the field counts
+    knows_north: bool = False
+    turned_back: tuple[float, float] = (1.0, 0.0)  # cosine and sine of the compass's own turn
+    watches_gaps: bool = False
+    north: int = 0  # the place in ``NORTHS`` of what a heading by the field is measured from
+    north_without: int = 0  # and of one without
+
+
+@inlined
+def standing_at(now: Situation, time_us: int) -> int:
+    """How the compass stands at a time."""
+    return CONTRADICTED if time_us < now.rejected_until_us else now.standing
 
 
 @inlined

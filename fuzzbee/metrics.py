@@ -3,13 +3,14 @@
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from prometheus_client import CollectorRegistry, Metric
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.exposition import choose_encoder
 
 from estimator.errors import InputError
+from fuzzbee.latest import Latest, Row
 from service.http_door import Answer, HttpDoor
 from service.records import Output, State
 from service.second_opinion import Verdict
@@ -19,25 +20,24 @@ MOST_LOST = 64  # lost vehicles that a scrape has: thousands would take a second
 _SIGMA = "68 % of errors lie under it."
 
 
-def _parts(row: Any) -> dict[str, Any]:
-    """What metrics are of; when the sample arrived (s, monotonic), and None where there is none."""
-    attitude, status = row.attitude, row.status
+def _parts(row: Row) -> dict[str, Any]:
+    """What metrics are of; None where there is none."""
     return {
-        "sample_s": None if attitude is None else row.attitude_s - attitude.age_ms / 1e3,
-        "attitude": attitude,
-        "valid": None if _is_lost(row) else attitude,
-        "status": status,
-        "autopilot": status and status.autopilot,
+        "age_ms": row.age_ms,
+        "attitude": row.attitude,
+        "valid": None if _is_lost(row) else row.attitude,
+        "status": row.status,
+        "autopilot": row.status and row.status.autopilot,
     }
 
 
-def _is_lost(row: Any) -> bool:
+def _is_lost(row: Row) -> bool:
     return row.status is not None and row.status.state == State.LOST
 
 
 # Of a part of a row: a metric's name, its help, and its number, or numbers by LABELS' label.
 METRICS: tuple[tuple[str, str, str, Callable[[Any], Any]], ...] = (
-    ("sample_s", "imu_age_seconds", "Of the last sample.", lambda at_s: time.monotonic() - at_s),
+    ("age_ms", "imu_age_seconds", "Of the last sample.", lambda age_ms: age_ms / 1e3),
     ("attitude", "attitudes", "Attitudes published.", lambda a: a.sequence + 1),
     ("valid", "roll_degrees", "Roll.", lambda a: a.euler_deg[0]),
     ("valid", "pitch_degrees", "Pitch.", lambda a: a.euler_deg[1]),
@@ -61,18 +61,8 @@ COUNTERS = ("attitudes", "rejected")
 TOTALS = {"overruns": "Ticks that came late.", "dropped": "Events and records lost."}
 
 
-class LatestRecords(Protocol):
-    """The latest records of all vehicles, as the views keep them."""
-
-    def take(self, outputs: Sequence[Output], now_s: float) -> object:
-        """Remember the latest records."""
-
-    def rows(self) -> Sequence[Any]:
-        """The latest of each vehicle: ``name``, ``attitude``, ``status`` and ``attitude_s``."""
-
-
 class MetricsSink:
-    """Serves the ``latest`` records at ``http://127.0.0.1:PORT/metrics``.
+    """Serves the latest records at ``http://127.0.0.1:PORT/metrics``.
 
     Raises:
         InputError: the port is taken.
@@ -80,8 +70,8 @@ class MetricsSink:
 
     name = "metrics"
 
-    def __init__(self, port: int, latest: LatestRecords) -> None:
-        self._latest = latest
+    def __init__(self, port: int) -> None:
+        self._latest = Latest()
         self._answering = threading.Lock()  # one answer at a time
         self._registry = CollectorRegistry(auto_describe=False)
         self._registry.register(self)
@@ -108,7 +98,7 @@ class MetricsSink:
 
     def collect(self) -> Iterator[Metric]:
         """All metrics for one scrape. A lost vehicle's attitude is left out but for its age."""
-        rows = self._latest.rows()
+        rows = self._latest.rows(time.monotonic())
         lost = sorted(filter(_is_lost, rows), key=lambda row: row.attitude_s)
         left_out = {row.name for row in lost[:-MOST_LOST]}
         latest = {row.name: _parts(row) for row in rows if row.name not in left_out}
