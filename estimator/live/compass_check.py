@@ -9,7 +9,8 @@ A compass that velocity has never confirmed is rejected at once, by its field al
 It is taken to be turned in the vehicle by the difference. The aiding begins again from velocity,
 which shows the rest of that turn. A heading that velocity has confirmed before survives a sudden
 contradiction, because velocity may be wrong: only a difference that lasts for ``MEMORY_S`` rejects
-the compass. Meanwhile the heading's sigma is 45 deg.
+the compass. Meanwhile the heading's sigma is 45 deg. Where gyroscope and velocity go on agreeing,
+and only the field does not, the compass has been turned since.
 
 Here is also how far the field contradicts the accelerometer, whatever the gyroscope shows.
 """
@@ -21,6 +22,7 @@ import numpy as np
 from estimator.aiding import compass
 from estimator.aiding.beginning import Start
 from estimator.aiding.compass import Compass
+from estimator.aiding.correction_cusum import with_unexpected_turn
 from estimator.aiding.phase import Cause
 from estimator.aiding.search import UNKNOWN_RAD, Solution, solve
 from estimator.aiding.sources.wheels import rolls
@@ -44,6 +46,8 @@ from estimator.live.starts import (
     judge_field,
 )
 from estimator.live.state import State
+
+CERTAIN = Sigmas(inclination_rad=0.0, heading_rad=0.0)
 
 
 def check_compass(state: State, report: Report) -> None:
@@ -79,6 +83,32 @@ def check_compass(state: State, report: Report) -> None:
         compass_sigma_rad=0.0 if rolls(state.settings.aiding) else UNKNOWN_RAD,
     )
     mislead(state, start, turn_rad, report)
+
+
+def turns_compass(state: State) -> bool:
+    """Whether the field has contradicted for long an attitude that all else bears out.
+
+    Corrections have not turned its heading against the gyroscope, and velocity shows that heading.
+    Then the compass has been turned in the vehicle since velocity confirmed it, and is read so.
+    """
+    now, known = state.core, state.context.compass
+    if (
+        not known.confirmed
+        or now.aided.field.far_off_s <= CONFIRM_S
+        or rolls(state.settings.aiding)
+    ):
+        return False
+    found = solve(now.search, bias_sigma_rad_s(now.conditioning))
+    has_turned = with_unexpected_turn(CERTAIN, now.aided.correction_cusum, now.covariance)
+    if found is None or has_turned.heading_rad > 0.0:
+        return False
+    q = multiply(found.q_ned_g, now.gathered.q_g_frd)
+    off_rad = heading_between(now.aided.estimate.q_ned_frd, q)
+    turn_rad, turn_sigma_rad = compass_turn(state, now, found)
+    if abs(off_rad) > REACH * found.sigma_heading_rad or abs(turn_rad) <= REACH * turn_sigma_rad:
+        return False
+    state.turn_compass(turn_rad)
+    return True
 
 
 def least_s(now: Core, known: Compass, *, is_aided_off: bool) -> float:
@@ -118,7 +148,7 @@ def judge_mounting(state: State, now: Core) -> None:
     if not 0.0 < 2.0 * variance < MOUNTED_RAD**2:
         return
     if abs(estimate.compass_turn_rad) > MOUNTED_RAD:
-        state.turn_compass(estimate.compass_turn_rad)
+        state.turn_compass(estimate.compass_turn_rad, is_learnt=True)
     elif not known.confirmed:
         state.change_compass(confirmed=True)
 
@@ -133,9 +163,6 @@ def mislead(state: State, start: Start, turn_rad: float, report: Report) -> None
         state.turn_compass(turn_rad)
     state.set_core(state.core._replace(search=now.search))
     set_out(state, start, report, has_heading=False)
-
-
-CERTAIN = Sigmas(inclination_rad=0.0, heading_rad=0.0)
 
 
 def dip_error_rad(settings: Settings, core: Core) -> float:

@@ -202,11 +202,13 @@ class State:
             self.set_core(without_aiding(self.settings, self.core))
         self.change_context(phase=phase)
 
-    def turn_compass(self, turn_rad: float) -> None:
-        """Read the compass as turned in the vehicle by so much more (rad, about down)."""
+    def turn_compass(self, turn_rad: float, *, is_learnt: bool = False) -> None:
+        """Read the compass as turned in the vehicle by so much more (rad, about down).
+
+        ``is_learnt``: the aiding has learnt this turn.
+        """
         turned_rad = remainder(self.context.compass.turned_rad + turn_rad, 2.0 * pi)
-        now, is_aided = self.core, self.is_aided
-        self.set_core(with_turned_compass(self.settings, now, turn_rad, is_aided=is_aided))
+        self.set_core(with_turned_compass(self.settings, self.core, turn_rad, is_learnt=is_learnt))
         self.contradict_compass(turned_rad=turned_rad)
 
     def contradict_compass(self, **changes: object) -> None:

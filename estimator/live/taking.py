@@ -20,7 +20,7 @@ from estimator.geometry.quaternion import exp, multiply, rotate
 from estimator.live import kernel_handle
 from estimator.live.aided import conditioned_vectors
 from estimator.live.aiding_span import begin_aided, give_up, reacquire
-from estimator.live.compass_check import check_compass
+from estimator.live.compass_check import check_compass, turns_compass
 from estimator.live.core import UNSEEN, Core, with_attitude
 from estimator.live.refusal import FINE, RATE_LIMIT_RAD_S, REASONS, fault_of
 from estimator.live.rows import MOST_WAITING, report_row_of
@@ -66,7 +66,8 @@ def decide(state: State, end: int) -> Reason | None:
     if end & GAP:
         state.enter(Cause.GAP)
     if end & LOST:
-        give_up(state)
+        if not turns_compass(state):
+            give_up(state)
     elif end & (SHOWN | SHOWN_LATE):
         check_aided(state, report)
     if end & FIRST_HEADING:

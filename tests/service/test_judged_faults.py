@@ -32,6 +32,19 @@ def test_a_wrong_compass_does_not_move_the_tilt(motion, fault, rate_hz, beside):
     assert found.wrong_and_sure_s <= LASTING_S
 
 
+@pytest.mark.parametrize(
+    ("motion", "rate_hz"),
+    [("gentle tilts", 50.0), ("gentle tilts", 10.0), ("aerobatics", 50.0), ("hand", 50.0)],
+)
+def test_a_compass_that_turns_in_flight_is_read_as_turned(motion, rate_hz):
+    """The aided attitude goes on with the heading that gyroscope and velocity bear out."""
+    turned = Fault("magnetometer turned", 0, 60.0, begin_s=40.0)
+    without = judge(Case(motion, ABSENT, rate_hz=rate_hz, seed=5))
+    found = judge(Case(motion, turned, rate_hz=rate_hz, seed=5))
+    assert found.inclination.rms_deg < 1.2 * without.inclination.rms_deg
+    assert found.heading.rms_deg < 5.0
+
+
 STEPPED_HALF = [Fault("gyroscope offset", axis, 0.5) for axis in (0, 1)]
 
 
@@ -44,6 +57,8 @@ STEPPED_HALF = [Fault("gyroscope offset", axis, 0.5) for axis in (0, 1)]
         ("heading", Case("hover", Fault("magnetometer offset", 1, 0.2, end_s=60.0)), 2.15, 0.2),
         # by chance the force goes along with a field that contradicts an axis for a moment
         ("inclination", Case("hand", TURNED[2]), 0.76, 0.3),
+        # the force takes back what a turned compass has done to the tilt: it is not wrong
+        ("inclination", Case("coasting turn", TURNED[2]), 1.14, 0.3),
         ("inclination", Case("climb and turn", IRON), 0.69, 0.3),
         ("inclination", Case("vigorous tilts", FROZEN, rate_hz=4.0), 1.15, 0.3),
     ],
