@@ -76,6 +76,8 @@ def test_what_a_wrong_field_moves(angle, case, rms_deg, rel):
             ("inclination", Case(motion, Fault("velocity turned", 0, 90.0)), 2.0)
             for motion in ("slalom 12", "slalom 20", "circle")
         ),
+        # velocities that turn the attitude are no evidence against the compass
+        ("heading", Case("hand", Fault("velocity turned", 0, 90.0), seed=3), 28.0),
         # a poor gyroscope that was learnt at rest is not forgotten at take-off
         ("inclination", Case("gentle tilts", POOR, False, beside="offsets", seed=9), 2.0),
         # other rates stand in before a bias is tracked; the error of a stuck axis is no bias
