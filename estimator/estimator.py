@@ -118,7 +118,8 @@ class Estimator(State):
     ) -> tuple[int, int]:
         """Take rows from ``taken``, and ``report_rows`` (M, REPORT_SIZE) from ``next_report`` on.
 
-        It is as fast as compiled code, and takes as many as need no decision before them.
+        Compiled code takes rows up to one that needs a decision first. ``published``
+        (N, OUTPUT_SIZE) gets each row's attitude.
         Returns the first row and the first report that were not taken: a row for :meth:`take`, or
         N. It also stops behind a row whose attitude is not finite.
         """

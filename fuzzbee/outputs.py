@@ -148,8 +148,8 @@ def open_outputs(options: Any, session: "zenoh.Session | None") -> "Iterator[Sin
         yield viewer
 
 
-def wants_viewer(view: str | None, rrd: str | None) -> bool:
-    """Whether the options ask for a viewer; refuses one that there is not."""
+def require_viewer(view: str | None, rrd: str | None) -> bool:
+    """Refuse a viewer that there is not; whether the options ask for one."""
     if view is None and rrd is None:
         return False
     if view not in (None, "window", "web"):
@@ -160,7 +160,7 @@ def wants_viewer(view: str | None, rrd: str | None) -> bool:
 
 def open_viewer(view: str | None, rrd: str | None, *, live: bool = False) -> "ViewerSink | None":
     """The viewer that was asked for, if any."""
-    if not wants_viewer(view, rrd):
+    if not require_viewer(view, rrd):
         return None
     from fuzzbee.viewer.viewer import ViewerSink
 

@@ -72,22 +72,40 @@ class PaperFilter:
         by_rules = gain is None or callable(gain) or (isinstance(gain, str) and gain == "noise")
         self._gain = gain if by_rules else _checked(gain)
         start = () if R_hat is None else (quaternion_from_matrix(rotation("R_hat", R_hat)),)
-        self._first = FilterState(*start)
-        self.reset()
+        self._first = self._state = FilterState(*start)
 
     def reset(self) -> None:
         """Begin anew at the first attitude, without a bias."""
-        self._put(self._first)
-
-    def _put(self, state: FilterState) -> None:
-        self._state = state
-        self.R_hat = reference.rotation_matrix(state.q_ned_frd)
-        self.b_hat = np.array(state.gyr_bias_rad_s)
-        self.e, self.e_rate, self.K = state.error, state.error_rate_1_s, state.gain
+        self._state = self._first
 
     def copy(self) -> "PaperFilter":
         """Another one that goes on from here by itself; pickle and deepcopy make one, too."""
         return copy(self)  # what steps change is replaced whole
+
+    @property
+    def R_hat(self) -> Floats:  # noqa: N802 - the paper's
+        """The attitude (3, 3)."""
+        return reference.rotation_matrix(self._state.q_ned_frd)
+
+    @property
+    def b_hat(self) -> Floats:
+        """The gyroscope's bias (3,) in rad/s."""
+        return np.array(self._state.gyr_bias_rad_s)
+
+    @property
+    def e(self) -> float:
+        """The distance between the frames as measured, 0 to 1."""
+        return self._state.error
+
+    @property
+    def e_rate(self) -> float:
+        """Its filtered derivative, 1/s."""
+        return self._state.error_rate_1_s
+
+    @property
+    def K(self) -> float:  # noqa: N802
+        """The gain of the last step."""
+        return self._state.gain
 
     def step(self, Omega_m: ArrayLike, v_B: ArrayLike, dt: float) -> Floats:
         """Turn with the gyroscope (3,) in rad/s over ``dt`` s, then correct by the vectors (n, 3).
@@ -115,7 +133,7 @@ class PaperFilter:
             asked = self.fuzzy_gain if self._gain is None else self._gain
             K = _checked(asked(e, d) if callable(asked) else asked)
         largest = reference.largest_rate(measured, self._s)
-        self._put(reference.moved(self.params, state, w, largest, e, d, K, dt))
+        self._state = reference.moved(self.params, state, w, largest, e, d, K, dt)
         return self.R_hat
 
     def fuzzy_gain(self, e: float, e_rate: float) -> float:

@@ -10,7 +10,7 @@ import typer
 from estimator.errors import InputError
 from fuzzbee import options as opt
 from fuzzbee import outputs
-from fuzzbee.security import INSECURE
+from fuzzbee.security import INSECURE, parse_system_ids
 
 MAX_RATE_HZ = 1000.0
 
@@ -82,6 +82,7 @@ def run(options: RunOptions) -> int:
     opt.require_gain(options.gain)
     if options.outputs.send_as is not None and options.outputs.send_attitude is None:
         raise InputError(f"--as {options.outputs.send_as}: needs --send-attitude URL")
+    parse_system_ids(options.allow_system_ids)
     asked = (("--record", options.record), ("--rrd", options.outputs.rrd))
     inputs = (options.source, options.profile, options.signing_key_file)
     outputs.require_own_files(asked, (*inputs, options.zenoh.config_file))

@@ -55,7 +55,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     profile_name = options.profile or fitting
     profile = load_profile(profile_name)
     _require_fitting(options, endpoint)
-    outputs.wants_viewer(options.outputs.view, options.outputs.rrd)
+    outputs.require_viewer(options.outputs.view, options.outputs.rrd)
     requests = ParameterRequests()
     problems: list[Exception] = []  # which end the run
     with ExitStack() as stack:
@@ -141,14 +141,14 @@ def _open_source(
             options.record.endswith("/") or target.is_dir() or (is_new and not target.suffix)
         )
         recorder = stack.enter_context(Recorder(target, in_folder=in_folder))
-    source = open_live(
-        endpoint,
-        recorder=recorder,
-        request_rate_hz=options.request_rate_hz,
-        policy=policy,
-        references=bool(shows_others),  # else they need not be decoded
-    )
     try:
+        source = open_live(
+            endpoint,
+            recorder=recorder,
+            request_rate_hz=options.request_rate_hz,
+            policy=policy,
+            references=bool(shows_others),  # else they need not be decoded
+        )
         stack.enter_context(source)
     except BaseException:
         if recorder is not None and is_new:

@@ -61,7 +61,7 @@ class OpeningSession(Closing):
         InputError: a prefix, address or setting that cannot be used.
     """
 
-    def __init__(self, options: ZenohOptions, notify: Callable[[str], None] = print) -> None:
+    def __init__(self, options: ZenohOptions, notify: Callable[[str], None]) -> None:
         self._notify = notify
         self._where = ", ".join([*options.listen, *options.connect]) or DEFAULT_ENDPOINT
         self._options = options

@@ -36,7 +36,8 @@ def main() -> None:
         vehicle = 1000 * (int(component or 1) - 1) + int(system)
         rows.extend((vehicle, now_ns, seen.time_unix_us, round(seen.age_ms * 1e3), seen.sequence))
 
-    with OpeningSession(ZenohOptions(connect=(endpoint,), mode="client")).session() as session:
+    options = ZenohOptions(connect=(endpoint,), mode="client")
+    with OpeningSession(options, print).session() as session:
         session.declare_subscriber("fuzzbee/*/attitude", on_attitude)
         print("ready", flush=True)
         sys.stdin.read()

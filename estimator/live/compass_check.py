@@ -25,6 +25,8 @@ from estimator.aiding.compass import Compass
 from estimator.aiding.correction_cusum import with_unexpected_turn
 from estimator.aiding.phase import Cause
 from estimator.aiding.search import UNKNOWN_RAD, Solution, solve
+from estimator.aiding.sources.field import begin_anew
+from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import COMPASS_TURN, HARD_IRON, SIZE, Report, Sigmas
 from estimator.aiding.uncertainty import with_dip_error
@@ -86,17 +88,15 @@ def check_compass(state: State, report: Report) -> None:
 
 
 def turns_compass(state: State) -> bool:
-    """Whether the field has contradicted for long an attitude that all else bears out.
+    """Read the compass as turned where the field alone contradicts the attitude; whether it was.
 
-    Corrections have not turned its heading against the gyroscope, and velocity shows that heading.
-    Then the compass has been turned in the vehicle since velocity confirmed it, and is read so.
+    Corrections have not turned the heading against the gyroscope, and velocity shows that heading.
+    So the compass has been turned in the vehicle since velocity confirmed it.
     """
     now, known = state.core, state.context.compass
-    if (
-        not known.confirmed
-        or now.aided.field.far_off_s <= CONFIRM_S
-        or rolls(state.settings.aiding)
-    ):
+    without_field = now.aided._replace(field=begin_anew(now.aided.field))
+    is_by_field_alone = now.aided.field.far_off_s > CONFIRM_S and is_credible(without_field)
+    if not known.confirmed or not is_by_field_alone or rolls(state.settings.aiding):
         return False
     found = solve(now.search, bias_sigma_rad_s(now.conditioning))
     has_turned = with_unexpected_turn(CERTAIN, now.aided.correction_cusum, now.covariance)
@@ -107,7 +107,8 @@ def turns_compass(state: State) -> bool:
     turn_rad, turn_sigma_rad = compass_turn(state, now, found)
     if abs(off_rad) > REACH * found.sigma_heading_rad or abs(turn_rad) <= REACH * turn_sigma_rad:
         return False
-    state.turn_compass(turn_rad)
+    state.turn_compass(turn_rad, turn_sigma_rad)
+    state.change_context(is_by_field=False)
     return True
 
 
@@ -148,7 +149,7 @@ def judge_mounting(state: State, now: Core) -> None:
     if not 0.0 < 2.0 * variance < MOUNTED_RAD**2:
         return
     if abs(estimate.compass_turn_rad) > MOUNTED_RAD:
-        state.turn_compass(estimate.compass_turn_rad, is_learnt=True)
+        state.turn_compass(estimate.compass_turn_rad)
     elif not known.confirmed:
         state.change_compass(confirmed=True)
 

@@ -12,7 +12,7 @@ from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.phase import Phase
 from estimator.aiding.search import EMPTY_SEARCH, Search
 from estimator.aiding.sources.field import begin_anew
-from estimator.aiding.types import HARD_IRON, SIZE, AidingState
+from estimator.aiding.types import COMPASS_TURN, HARD_IRON, SIZE, AidingState
 from estimator.aiding.velocity_history import COLUMNS
 from estimator.conditioning.condition import Conditioned
 from estimator.conditioning.gather import NOTHING, Gathered
@@ -131,15 +131,25 @@ def apply_turn(now: Core, turn_ned: Quaternion, *, is_aided: bool) -> Core:
     )
 
 
-def with_turned_compass(settings: Settings, now: Core, turn_rad: float, *, is_learnt: bool) -> Core:
+def with_turned_compass(
+    settings: Settings, now: Core, turn_rad: float, sigma_rad: float, *, is_aided: bool
+) -> Core:
     """The core for readings that are turned back by ``turn_rad`` about the body's down from now on.
 
-    The unaided stage learns the field anew, and the aiding the place's field. Where the aiding has
-    learnt the turn, it goes on with what is left, and the vehicle's own field turns, too.
+    The unaided stage learns the field anew. The aiding learns the place's field anew, and what is
+    left of the turn, whose sigma is given. With a sigma of 0 the aiding has learnt this turn: it
+    goes on with what is left, and the vehicle's own field turns with the readings.
     """
     now = now._replace(conditioning=forget_field(settings.conditioning, now.conditioning))
-    if not is_learnt:
-        return now._replace(aided=now.aided._replace(field=begin_anew(now.aided.field)))
+    if not is_aided:
+        return now
+    if sigma_rad > 0.0:
+        P = now.covariance.copy()
+        P[COMPASS_TURN, :] = P[:, COMPASS_TURN] = 0.0
+        P[COMPASS_TURN, COMPASS_TURN] = sigma_rad**2
+        estimate = now.aided.estimate._replace(compass_turn_rad=0.0)
+        aided = now.aided._replace(estimate=estimate, field=begin_anew(now.aided.field))
+        return now._replace(aided=aided, covariance=P)
     T, iron, back = np.eye(SIZE), slice(HARD_IRON, HARD_IRON + 3), exp((0.0, 0.0, -turn_rad))
     T[iron, iron] = rotation_matrix(back)
     estimate = now.aided.estimate

@@ -174,7 +174,10 @@ class State:
         )
 
     def use_profile(self, profile: Profile) -> None:
-        """Derive the settings from a profile and from what is known of vehicle and place by now."""
+        """Derive the settings from a profile and from what is known of vehicle and place by now.
+
+        For what follows from another call: nothing that wraps :meth:`replace_profile` hears of it.
+        """
         settings = self._settings_of(profile)
         now, memory = self.core, self.core.conditioning
         self.profile, self.settings = profile, settings
@@ -202,13 +205,14 @@ class State:
             self.set_core(without_aiding(self.settings, self.core))
         self.change_context(phase=phase)
 
-    def turn_compass(self, turn_rad: float, *, is_learnt: bool = False) -> None:
+    def turn_compass(self, turn_rad: float, sigma_rad: float = 0.0) -> None:
         """Read the compass as turned in the vehicle by so much more (rad, about down).
 
-        ``is_learnt``: the aiding has learnt this turn.
+        Without a sigma it is a turn that the aiding has learnt, if it is under way.
         """
         turned_rad = remainder(self.context.compass.turned_rad + turn_rad, 2.0 * pi)
-        self.set_core(with_turned_compass(self.settings, self.core, turn_rad, is_learnt=is_learnt))
+        of = self.settings, self.core, turn_rad, sigma_rad
+        self.set_core(with_turned_compass(*of, is_aided=self.is_aided))
         self.contradict_compass(turned_rad=turned_rad)
 
     def contradict_compass(self, **changes: object) -> None:

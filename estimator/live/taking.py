@@ -171,7 +171,8 @@ def take_other_report(state: State, report: Any) -> None:
 
 def take_rate(state: State, rate: RateSample) -> Reason | None:
     """Take body rates of another message; None, or why they were refused."""
-    if not all(abs(component) <= RATE_LIMIT_RAD_S for component in rate.rate_rad_s):
+    x, y, z = rate.rate_rad_s
+    if not all(abs(component) <= RATE_LIMIT_RAD_S for component in (x, y, z)):
         return Reason.GYROSCOPE_OUT_OF_RANGE  # or no number
     if state.settings.uses_rates:
         state.run(kernel_handle.take_report, report_row_of(0, rate))

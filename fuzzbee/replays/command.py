@@ -199,6 +199,7 @@ def _report_logs(
             _export(options, trace, viewer)
         elif options.plot is not None:
             figure.add(name, trace)
+        del trace  # its columns go before the next log's come
     if len(runs) > 1 and options.plot is not None:
         figure.draw(options.plot)
     for line in lines:

@@ -91,7 +91,7 @@ class VehicleTrace(Table):
     def __init__(self, address: events.VehicleId) -> None:
         super().__init__(**COLUMNS)
         self.address = address
-        self.log: LogFile  # what it was read from
+        self.log: LogFile  # what it was read from, if it was
         self.vehicle: Vehicle  # since the first sample
         self.kind: tuple[int | None, int | None] = None, None  # MAV_AUTOPILOT, MAV_TYPE
         self.imu_messages: Counter[str] = Counter()  # samples used of each

@@ -98,7 +98,7 @@ def tune(request: TuneRequest) -> int:
         if request.plot.exists() and not request.plot.is_dir():
             raise InputError(f"--plot {request.plot}: not a folder")
         opt.require_extra("matplotlib", "--plot", "plot")
-    outputs.wants_viewer(request.view, request.rrd)
+    outputs.require_viewer(request.view, request.rrd)
     files = (request.output, checkpoint_path(request.output))
     written = [*(("--output", file) for file in files), ("--rrd", request.rrd)]
     outputs.require_own_files(written, [*request.sources, *(request.hold_out or []), request.base])

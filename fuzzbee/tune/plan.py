@@ -132,12 +132,8 @@ def _paper(request: TuneRequest, options: SearchOptions) -> Plan:
         raise InputError("tune: sim: stands alone, not beside logs")
     for flag in asked_for(request, "objective", "reference", "begin", "end"):
         raise InputError(f"{flag} goes with logs only; sim: has the paper's 15 s, truth and J")
-    seeds = {
-        "noise": request.noise_seeds or "100-107",
-        "held_out": request.held_out_seeds or "200-219",
-    }
-    noise = _seeds("--noise-seeds", seeds["noise"])
-    held_out = _seeds("--held-out-seeds", seeds["held_out"])
+    noise = _seeds("--noise-seeds", request.noise_seeds or "100-107")
+    held_out = _seeds("--held-out-seeds", request.held_out_seeds or "200-219")
     if both := sorted({*noise} & {*held_out}):
         raise InputError(
             f"--held-out-seeds: seed {both[0]} is also in --noise-seeds; unseen seeds are needed"
@@ -149,8 +145,14 @@ def _paper(request: TuneRequest, options: SearchOptions) -> Plan:
             f"--parameters {request.parameters}: sim: is tuned on membership, or membership,filter"
         )
     task = tasks.PaperTask(base, groups, tuple(noise), tuple(held_out))
-    provenance = Provenance(inputs=[{"name": SIMULATION}], seeds={"search": request.seed, **seeds})
+    chosen = {"noise": noise, "held_out": held_out}
+    seeds = {"search": request.seed, **{name: _in_words(each) for name, each in chosen.items()}}
+    provenance = Provenance(inputs=[{"name": SIMULATION}], seeds=seeds)
     return Plan(request, task, base, options, "simulated vehicle's truth", provenance)
+
+
+def _in_words(seeds: range) -> str:
+    return f"{seeds[0]}-{seeds[-1]}" if len(seeds) > 1 else f"{seeds[0]}"
 
 
 def _seeds(option: str, text: str) -> range:

@@ -24,7 +24,7 @@ from tests.service.flight_rig import PAPER
 def open_session(endpoint, **changes):
     """The default session on a port of the test's own; whoever opened it closes it."""
     options = ZenohOptions(connect=(endpoint,), settings=(listen_setting(endpoint),))
-    return OpeningSession(options._replace(**changes)).session()
+    return OpeningSession(options._replace(**changes), print).session()
 
 
 def wait_for(condition, timeout_s=60.0):
