@@ -14,7 +14,7 @@ from estimator.aiding.correction_cusum import MOST_SQUARE
 from estimator.aiding.inertial import Prediction, apply_corrections
 from estimator.aiding.types import ACC_BIAS, GYR_BIAS, NO_WRONG_FORCE, SIZE, TURN, WrongForce
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.params import ACCELERATION_LASTS_S, LONG_S
+from estimator.conditioning.params import ACCELERATION_LASTS_S, LONG_S, SPAN_S
 from estimator.conditioning.robust import FAR, REACH
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
@@ -25,6 +25,7 @@ from estimator.geometry.quaternion import (
     dot,
     log,
     multiply,
+    norm,
     rotate,
     square,
     subtract,
@@ -81,17 +82,20 @@ def wrong_force(
 ) -> WrongForce:
     """What a force has done and may do that asks for a turn (NED) which was not made.
 
-    Nothing where it has turned the attitude further than it still asks for, and the field
-    (``field_g``; at the ``place``, NED) fits better since: then it has mended the attitude.
+    Nothing where the field (``field_g``; at the ``place``, NED) fits better by now, and the turn is
+    less than has been made and than the bias' change over three windows may explain: then the force
+    has mended what a wrong heading had done to attitude and bias.
     """
     back = log(multiply(before.then.q_ned_g, conjugate(now.q_ned_g)))
+    bias_back = subtract(before.then.gyr_bias_rad_s, now.gyr_bias_rad_s)
     fits_then = dot(rotate(before.then.q_ned_g, field_g), place)
     fits_now = dot(rotate(now.q_ned_g, field_g), place)
-    if fits_now > fits_then and square(back) > square(turn_rad):
+    explained_rad = REACH * 3.0 * SPAN_S * norm(bias_back)
+    if fits_now > fits_then and norm(turn_rad) < min(norm(back), explained_rad):
         return NO_WRONG_FORCE
     return WrongForce(
         turn_back_rad=back,
-        bias_back_rad_s=subtract(before.then.gyr_bias_rad_s, now.gyr_bias_rad_s),
+        bias_back_rad_s=bias_back,
         variance=STANDARD_GRAVITY_M_S2**2 * square(turn_rad),
     )
 

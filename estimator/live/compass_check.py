@@ -91,12 +91,13 @@ def turns_compass(state: State) -> bool:
     """Read the compass as turned where the field alone contradicts the attitude; whether it was.
 
     Corrections have not turned the heading against the gyroscope, and velocity shows that heading.
-    So the compass has been turned in the vehicle since velocity confirmed it.
+    So the compass has been turned in the vehicle since velocity confirmed it, or turned back.
     """
     now, known = state.core, state.context.compass
     without_field = now.aided._replace(field=begin_anew(now.aided.field))
     is_by_field_alone = now.aided.field.far_off_s > CONFIRM_S and is_credible(without_field)
-    if not known.confirmed or not is_by_field_alone or rolls(state.settings.aiding):
+    is_judged = known.confirmed or compass.is_contradicted(known, now.time_us)
+    if not is_judged or not is_by_field_alone or rolls(state.settings.aiding):
         return False
     found = solve(now.search, bias_sigma_rad_s(now.conditioning))
     has_turned = with_unexpected_turn(CERTAIN, now.aided.correction_cusum, now.covariance)
