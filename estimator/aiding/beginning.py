@@ -102,21 +102,16 @@ def begin(
             rate_rad_s=subtract(sample.gyr_rad_s, gyr_bias),
             dt_s=SPAN_S,
         ),
-        sigma=Sigmas(first.tilt_sigma_rad, sqrt(heading)),
+        sigma=first.sigma,
         acceleration_tilt=AccelerationTilt(
             ZERO_VEC3, report.velocity_ned_m_s, report.velocity_ned_m_s
         ),
         correction_cusum=CorrectionCusum(
             ZERO_VEC3, gyr_bias, 3.0 * params.gyr_bias_sigma**2, 0.0, 0.0
         ),
-        bias_prior=initial_bias_prior(params),
+        bias_prior=BiasPrior(params.gyr_bias_sigma**2, params.acc_bias_sigma**2),
     )
     return state, P, new_velocity_history(add(state.last.force_ned_m_s2, GRAVITY_NED))
-
-
-def initial_bias_prior(params: AidingParams) -> BiasPrior:
-    """What biases are taken to be before anything is known of the sensors."""
-    return BiasPrior(params.gyr_bias_sigma**2, params.acc_bias_sigma**2)
 
 
 def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
@@ -159,6 +154,6 @@ def forget_biases(
     return state._replace(
         estimate=estimate,
         correction_cusum=correction_cusum,
-        bias_prior=initial_bias_prior(params),
+        bias_prior=BiasPrior(params.gyr_bias_sigma**2, params.acc_bias_sigma**2),
         gyroscope_fault=GyroscopeFault(),
     ), P

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from estimator.aiding.correction_cusum import MOST_SQUARE
 from estimator.aiding.force_fault import Before, Then, follow_field, is_no_turn, wrong_force
-from estimator.aiding.search import Window, extend_window, open_window
+from estimator.aiding.search import Push, Window, extend_window, open_window, push_by
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import (
     NO_WRONG_FORCE,
@@ -33,6 +33,7 @@ from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.params import ACCELERATION_LASTS_S, LONG_S, SPAN_S
 from estimator.conditioning.rate import slow_share
 from estimator.conditioning.robust import REACH
+from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.filter.kernel import follow_rate
@@ -48,6 +49,7 @@ from estimator.geometry.quaternion import (
     rotate,
     rotate_inverse,
     scale,
+    square,
     subtract,
     unit,
 )
@@ -69,8 +71,7 @@ class Direction(NamedTuple):
 class Apart(NamedTuple):
     """How far measurements turn the attitude away from where it is."""
 
-    mean_north_rad: float  # averaged turn about north; of the field: about down
-    mean_east_rad: float  # about east; of the field: 0
+    mean_rad: Vec3  # averaged turn, NED
     mean_square: float  # mean square of that average, rad^2
 
 
@@ -86,8 +87,8 @@ class Consistency(NamedTuple):
     field_wait_s: float = 0.0  # since the last sample of the field
     force: Direction = Direction()
     field: Direction = Direction()
-    tilt: Apart = Apart(0.0, 0.0, LEAST_OFF_RAD**2)
-    heading: Apart = Apart(0.0, 0.0, 4.0 * LEAST_OFF_RAD**2)
+    tilt: Apart = Apart(ZERO_VEC3, LEAST_OFF_RAD**2)  # by the force
+    heading: Apart = Apart(ZERO_VEC3, 4.0 * LEAST_OFF_RAD**2)  # by the field
     before: Before = Before()  # anything contradicted
     wrong_force: WrongForce = NO_WRONG_FORCE  # what this sample has shown to be wrong
     error: float = 0.0  # e of the published attitude against both directions, 0 to 1
@@ -98,22 +99,18 @@ NEW_CONSISTENCY = Consistency()
 
 
 @inlined
-def average(apart: Apart, north_rad: float, east_rad: float, time_s: float) -> Apart:
+def average(apart: Apart, turn_rad: Vec3, time_s: float) -> Apart:
     """Average one more measured turn, over ``time_s``: a fault counts little."""
-    share = time_s / (SPAN_S + time_s)
-    north = apart.mean_north_rad + share * (north_rad - apart.mean_north_rad)
-    east = apart.mean_east_rad + share * (east_rad - apart.mean_east_rad)
-    mean = apart.mean_square
-    square = min(north * north + east * east, MOST_SQUARE * mean)
-    mean += time_s / (LONG_S + time_s) * (square - mean)
-    return Apart(north, east, mean)
+    mean_rad = approach(apart.mean_rad, turn_rad, time_s / (SPAN_S + time_s))
+    usual = apart.mean_square
+    newest = min(square(mean_rad), MOST_SQUARE * usual)
+    return Apart(mean_rad, usual + time_s / (LONG_S + time_s) * (newest - usual))
 
 
 @inlined
 def inflation(apart: Apart) -> float:
     """The mean square (rad^2) that the excess adds to the attitude's."""
-    square = apart.mean_north_rad**2 + apart.mean_east_rad**2
-    return INFLATION_SHARE * max(0.0, square - REACH**2 * apart.mean_square)
+    return INFLATION_SHARE * max(0.0, square(apart.mean_rad) - REACH**2 * apart.mean_square)
 
 
 @inlined
@@ -138,7 +135,7 @@ def compare_sample(consistency: Consistency, aided: AidingState, sample: Sample)
     force_wait_s = consistency.force_wait_s + dt
     if force_wait_s > ACCELERATION_LASTS_S:
         keep = real_exp(-dt / SPAN_S)
-        tilt = Apart(keep * tilt.mean_north_rad, keep * tilt.mean_east_rad, tilt.mean_square)
+        tilt = tilt._replace(mean_rad=scale(keep, tilt.mean_rad))
         force = force._replace(share=0.0)
     return consistency._replace(
         q_g_frd=q_g_frd,
@@ -177,20 +174,15 @@ def compare_report(
     if continues and time_s < SPAN_S:
         return consistency._replace(report_wait_s=0.0)
     if continues and time_s <= ACCELERATION_LASTS_S:
-        pushed = subtract(window.pushed_m_s, opened.pushed_m_s)
-        seen = rotate(q_ned_g, pushed)
-        change = subtract(report.velocity_ned_m_s, window.velocity_ned_m_s)
-        down = change[2] - STANDARD_GRAVITY_M_S2 * time_s if report.has_vertical else seen[2]
-        expected = (change[0], change[1], down)
-        share = share_of(params, aided, window, norm(pushed), time_s, consistency.turned_rad)
-        consistency = close_window(
-            consistency._replace(force=Direction(unit(pushed), unit(expected), share)),
-            now,
-            scale(share, turn_between(seen, expected)),
-            time_s,
-            slow_share(aided.last.dt_s) <= 0.0,
-            skids(params, estimate, report),
-        )
+        push = push_by(window, opened, report)
+        seen, (north, east, down) = rotate(q_ned_g, push.force_g_m_s), push.change_ned_m_s
+        expected = (north, east, down if report.has_vertical else seen[2])
+        share = share_of(params, aided, push, time_s, consistency.turned_rad)
+        force = Direction(unit(push.force_g_m_s), unit(expected), share)
+        turn = scale(share, turn_between(seen, expected))
+        is_followed, skidding = slow_share(aided.last.dt_s) <= 0.0, skids(params, estimate, report)
+        consistency = consistency._replace(force=force)
+        consistency = close_window(consistency, now, turn, time_s, is_followed, skidding)
     else:
         # nothing has agreed with this attitude yet
         now = now._replace(tilt_variance=HALF_TURN_VARIANCE)
@@ -221,7 +213,7 @@ def close_window(
     before, tilt, found = consistency.before, consistency.tilt, NO_WRONG_FORCE
     level = (turn[0], turn[1], 0.0)
     usual = max(tilt.mean_square, before.then.tilt_variance)
-    again = turn[0] * tilt.mean_north_rad + turn[1] * tilt.mean_east_rad > REACH**2 * usual
+    again = dot(level, tilt.mean_rad) > REACH**2 * usual
     has_skidded = skids or (before.has_skidded and inflation(tilt) > 0.0)
     is_seen = consistency.field_wait_s < SPAN_S and is_followed and not has_skidded
     before = before._replace(has_skidded=has_skidded)
@@ -230,20 +222,15 @@ def close_window(
     elif again and is_seen and is_no_turn(before, consistency.field.g, now.q_ned_g, level):
         field = consistency.field
         found = wrong_force(before, now, level, field.g, field.ned)
-    tilt = average(tilt, turn[0], turn[1], time_s)
+    tilt = average(tilt, level, time_s)
     if found.variance > 0.0:
-        tilt = Apart(0.0, 0.0, tilt.mean_square)
+        tilt = tilt._replace(mean_rad=ZERO_VEC3)
     return consistency._replace(before=before, wrong_force=found, tilt=tilt, force_wait_s=0.0)
 
 
 @inlined
 def share_of(
-    params: AidingParams,
-    aided: AidingState,
-    window: Window,
-    pushed_m_s: float,
-    time_s: float,
-    turned_rad: float,
+    params: AidingParams, aided: AidingState, push: Push, time_s: float, turned_rad: float
 ) -> float:
     """How far a window counts: 1 at rest, little for one full of loops, where |force| is small.
 
@@ -252,12 +239,12 @@ def share_of(
     gravity. A force that is shaken by more than the reports' error counts as much less.
     """
     error_m_s, late_s = params.filter_error_m_s, params.imu_lag_s
-    swing = norm(subtract(window.force_m_s2, window.first_force_m_s2))
-    square = error_m_s**2 + (late_s * swing) ** 2 + (SCALE_ERROR * turned_rad * pushed_m_s) ** 2
+    pushed_m_s, swing = norm(push.force_g_m_s), norm(push.swing_g_m_s2)
+    variance = error_m_s**2 + (late_s * swing) ** 2 + (SCALE_ERROR * turned_rad * pushed_m_s) ** 2
     expected = error_m_s * pushed_m_s / (STANDARD_GRAVITY_M_S2 * time_s)
     # three axes of white noise lie off the line through two readings by 18 times its square
     shaken_m_s = sqrt(aided.rough.knocked / 18.0 * aided.last.dt_s * time_s)
-    return min(1.0, expected * expected / square) * error_m_s / max(error_m_s, shaken_m_s)
+    return min(1.0, expected * expected / variance) * error_m_s / max(error_m_s, shaken_m_s)
 
 
 @inlined
@@ -293,7 +280,7 @@ def compare_field(consistency: Consistency, aided: AidingState, sample: Sample) 
     before = consistency.before
     if inflation(consistency.tilt) <= 0.0:
         before = follow_field(before, seen.g, wait)
-    heading = average(consistency.heading, off, 0.0, wait)
+    heading = average(consistency.heading, (0.0, 0.0, off), wait)
     return consistency._replace(field_wait_s=0.0, field=seen, heading=heading, before=before)
 
 

@@ -8,7 +8,6 @@ that sum is forgotten, the attitude may be wrong by it.
 
 from math import e, hypot, sqrt
 from math import exp as real_exp
-from typing import NamedTuple
 
 from estimator.aiding.types import (
     GYR_BIAS,
@@ -22,23 +21,16 @@ from estimator.aiding.types import (
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import MEMORY_S
 from estimator.geometry.quaternion import add, rotate, scale, subtract
-from estimator.types import Vec3
+from estimator.types import Vec2, Vec3
 
 # Their sum is within two sigmas of what is expected.
 MOST_SQUARE = 4.0
 
 
-class Known(NamedTuple):
-    """Variances (rad^2) of the attitude's turns."""
-
-    level: float  # about north and east together
-    heading: float  # about down
-
-
 @inlined
-def known(P: Array) -> Known:
-    """The attitude's variances by the covariance."""
-    return Known(P[TURN, TURN] + P[TURN + 1, TURN + 1], P[TURN + 2, TURN + 2])
+def known(P: Array) -> Vec2:
+    """The attitude's variances (rad^2): about north and east together, and about down."""
+    return P[TURN, TURN] + P[TURN + 1, TURN + 1], P[TURN + 2, TURN + 2]
 
 
 @inlined
@@ -70,13 +62,13 @@ def pass_time(
 
 @inlined
 def add_correction(
-    cusum: CorrectionCusum, turn_rad: Vec3, before: Known, after: Known
+    cusum: CorrectionCusum, turn_rad: Vec3, before: Vec2, after: Vec2
 ) -> CorrectionCusum:
     """One more correction (NED), which has brought the variances down."""
     return cusum._replace(
         turn_rad=add(cusum.turn_rad, turn_rad),
-        level=cusum.level + max(0.0, before.level - after.level),
-        heading=cusum.heading + max(0.0, before.heading - after.heading),
+        level=cusum.level + max(0.0, before[0] - after[0]),
+        heading=cusum.heading + max(0.0, before[1] - after[1]),
     )
 
 

@@ -9,32 +9,25 @@ way, and the mean shows the tilt.
 from math import hypot, log
 from typing import NamedTuple
 
+from estimator.aiding.types import Report
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.robust import REACH
 from estimator.geometry.quaternion import cross, dot, scale, subtract, unit
-from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
-
-
-class Level(NamedTuple):
-    """A vector's level parts."""
-
-    along: float = 0.0
-    across: float = 0.0  # to the right
+from estimator.types import STANDARD_GRAVITY_M_S2, Vec2, Vec3
 
 
 class Rolled(NamedTuple):
     """Sums over windows since it began to move; older ones count less. Accelerations, m/s^2."""
 
-    windows: float
-    reported: Level  # along the course
-    felt: Level  # along the body's level x axis, with what a tilt adds
-    squares: float
-    products: float
+    windows: float = 0.0
+    reported: Vec2 = (0.0, 0.0)  # along the course, and to the right of it
+    felt: Vec2 = (0.0, 0.0)  # with what a tilt adds, along the body's level x axis and to its right
+    squares: float = 0.0
+    products: float = 0.0
 
 
-NO_PUSH = Level()
-STANDING = Rolled(windows=0.0, reported=NO_PUSH, felt=NO_PUSH, squares=0.0, products=0.0)
+STANDING = Rolled()
 
 
 @inlined
@@ -45,20 +38,15 @@ def level_ahead(down_frd: Vec3) -> Vec3:
 
 @inlined
 def roll_on(
-    rolled: Rolled,
-    before_m_s: Vec3,
-    after_m_s: Vec3,
-    sigma_m_s: float,
-    time_s: float,
-    pushed_frd_m_s: Vec3,
-    down_frd: Vec3,
+    rolled: Rolled, before_m_s: Vec3, report: Report, time_s: float, pushed: Vec3, down_frd: Vec3
 ) -> Rolled:
-    """Add a window of ``time_s`` between two velocities (NED) that are known to ``sigma_m_s``.
+    """Add a window of ``time_s`` from one velocity (NED) to that of a report.
 
-    ``pushed_frd_m_s`` is the integrated specific force and ``down_frd`` the assumed down, both in
-    the body's axes at the window's end. A vehicle that stands may go on either way.
+    ``pushed`` is the integrated specific force (m/s) and ``down_frd`` the assumed down, both in the
+    body's axes at the window's end. A vehicle that stands may go on either way.
     """
-    speed, least = hypot(after_m_s[0], after_m_s[1]), REACH * sigma_m_s
+    after_m_s = report.velocity_ned_m_s
+    speed, least = hypot(after_m_s[0], after_m_s[1]), REACH * report.sigma_m_s
     if speed <= least:
         return STANDING
     known = rolled if hypot(before_m_s[0], before_m_s[1]) > least else STANDING
@@ -67,12 +55,12 @@ def roll_on(
     along = (north * change[0] + east * change[1]) / time_s
     across = (north * change[1] - east * change[0]) / time_s
     ahead = level_ahead(down_frd)
-    felt_along = dot(pushed_frd_m_s, ahead) / time_s
-    felt_across = dot(pushed_frd_m_s, cross(down_frd, ahead)) / time_s
+    felt_along = dot(pushed, ahead) / time_s
+    felt_across = dot(pushed, cross(down_frd, ahead)) / time_s
     return Rolled(
         windows=known.windows + 1.0,
-        reported=Level(known.reported.along + along, known.reported.across + across),
-        felt=Level(known.felt.along + felt_along, known.felt.across + felt_across),
+        reported=(known.reported[0] + along, known.reported[1] + across),
+        felt=(known.felt[0] + felt_along, known.felt[1] + felt_across),
         squares=known.squares + along**2 + across**2 + felt_along**2 + felt_across**2,
         products=known.products + along * felt_along + across * felt_across,
     )
@@ -84,26 +72,24 @@ def fade_rolled(rolled: Rolled, keep: float) -> Rolled:
     n, reported, felt, squares, products = rolled
     return Rolled(
         keep * n,
-        Level(keep * reported.along, keep * reported.across),
-        Level(keep * felt.along, keep * felt.across),
+        (keep * reported[0], keep * reported[1]),
+        (keep * felt[0], keep * felt[1]),
         keep * squares,
         keep * products,
     )
 
 
-def mean_left(rolled: Rolled, sense: float) -> Level:
+def mean_left(rolled: Rolled, sense: float) -> Vec2:
     """What of the pushes their reports leave unexplained on average; ``sense`` -1: in reverse."""
     n, reported, felt, _, _ = rolled
-    return Level(
-        (felt.along - sense * reported.along) / n, (felt.across - sense * reported.across) / n
-    )
+    return (felt[0] - sense * reported[0]) / n, (felt[1] - sense * reported[1]) / n
 
 
 def scatter(rolled: Rolled, sense: float) -> float:
     """Variance of what is left about its mean, (m/s^2)^2."""
     left = mean_left(rolled, sense)
     square = (rolled.squares - 2.0 * sense * rolled.products) / rolled.windows
-    return max(TINY, square - left.along**2 - left.across**2)
+    return max(TINY, square - left[0] ** 2 - left[1] ** 2)
 
 
 def forward_evidence(rolled: Rolled) -> float:

@@ -9,6 +9,12 @@ from estimator.types import Quaternion, Vec3
 
 
 @inlined
+def part(x: Array, first: int) -> Vec3:
+    """Three numbers of an array, from ``first`` on."""
+    return (x[first], x[first + 1], x[first + 2])
+
+
+@inlined
 def rotation_matrix(q: Quaternion) -> Array:
     """(3, 3) of q_ned_frd: columns are the body axes in NED."""
     return np.array(axes_of(q))

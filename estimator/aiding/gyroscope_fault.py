@@ -11,15 +11,7 @@ import numpy as np
 
 from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.inertial import Prediction
-from estimator.aiding.types import (
-    GYR_BIAS,
-    SIZE,
-    TURN,
-    Agreement,
-    AidingParams,
-    AidingState,
-    GyroscopeFault,
-)
+from estimator.aiding.types import GYR_BIAS, SIZE, TURN, AidingParams, AidingState, GyroscopeFault
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import LATELY_S, SPAN_S
@@ -39,7 +31,11 @@ def watch_gyroscope(state: AidingState, gyr_errors: Vec3, dt: float) -> Gyroscop
     innovations, variance = scale(keep, fault.innovations), keep * keep * fault.variance
     for agreement in (state.agreement.by_filter, state.agreement.by_receiver):
         if agreement.wait_s <= 0.0:
-            innovations, variance = add(innovations, usual_units(agreement)), variance + 1.0
+            usual = (
+                max(1.0, agreement.scatter.innovation) ** -0.5
+            )  # sigmas as they have been lately
+            innovations = add(innovations, scale(usual, agreement.scatter.latest))
+            variance += 1.0
     x, y, z = scale(LATELY_S / (LATELY_S + dt), fault.squares)
     fault = GyroscopeFault(innovations, variance, (x, y, z))
     a, b, c = gyr_errors
@@ -49,13 +45,6 @@ def watch_gyroscope(state: AidingState, gyr_errors: Vec3, dt: float) -> Gyroscop
     if max(by_x, by_y, by_z) <= FAR:
         return fault
     return GyroscopeFault(innovations, variance, (max(x, a * a), max(y, b * b), max(z, c * c)))
-
-
-@inlined
-def usual_units(agreement: Agreement) -> Vec3:
-    """The last report's innovation, in sigmas as they have been lately."""
-    scatter = agreement.scatter
-    return scale(max(1.0, scatter.innovation) ** -0.5, scatter.latest)
 
 
 @inlined

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.aiding.covariance import move_rows, rotation_matrix
+from estimator.aiding.covariance import move_rows, part, rotation_matrix
 from estimator.aiding.types import (
     ACC_BIAS,
     COMPASS_TURN,
@@ -30,9 +30,10 @@ from estimator.aiding.types import (
     AidingState,
     Array,
     BiasPrior,
+    LastStep,
     Roughness,
 )
-from estimator.aiding.velocity_history import ACCELERATION, TIME, extend_velocity_history, row
+from estimator.aiding.velocity_history import ACCELERATION, TIME, extend_velocity_history
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import NORM_SCALE
@@ -85,42 +86,36 @@ def predict_motion(
     ahead = exp(scale(estimate.acc_lead_s, turning))  # where the accelerometer was read
     force = rotate(multiply(q, ahead), subtract(sample.acc_m_s2, estimate.acc_bias_m_s2))
     gained = scale(0.5 * dt, add(force, before.force_ned_m_s2))
-    v = add(estimate.velocity_ned_m_s, gained)
-    v = add(v, scale(dt, GRAVITY_NED))
+    fallen = scale(dt, GRAVITY_NED)
+    v = add(add(estimate.velocity_ned_m_s, gained), fallen)
     velocity_history = extend_velocity_history(
-        velocity_history, add(gained, scale(dt, GRAVITY_NED)), add(force, GRAVITY_NED), dt
+        velocity_history, add(gained, fallen), add(force, GRAVITY_NED), dt
     )
     R = rotation_matrix(q)
     half = move_rows(P, R, gained, dt)  # F P, and then F P F': P is symmetric
     P = move_rows(np.ascontiguousarray(half.T), R, gained, dt)
-    second_difference = line_deviation(
-        gyr, before.gyr_rad_s, before.gyr_before_rad_s, dt, before.dt_s
-    )
-    aliased_turn = rotate(q, scale(dt, second_difference))
-    seen_s = dt
-    if between.given:
-        seen_s = between.step_s
-        aliased_turn = rotate(q, scale(sqrt(dt * seen_s), between.change_rad_s))
-    off = newest_deviation(velocity_history)
-    aliased_push = scale(dt, off)
+    second_difference, _, seen_s = differences(before, sample)
+    aliased_turn = rotate(q, scale(sqrt(dt * seen_s), second_difference))
+    aliased_push = scale(dt, newest_deviation(velocity_history))
     unseen = (params.gyr_slow_noise_1_s * seen_s) ** 2 * dot(rate, rate) * dt
-    receiver_error, filter_error = add_noise(
-        params, P, state, aliased_turn, aliased_push, unseen, dt
+    add_noise(params, P, estimate.earth_gauss, aliased_turn, aliased_push, unseen, dt)
+    estimate = age_errors(params, P, state, dt)._replace(q_ned_frd=q, velocity_ned_m_s=v)
+    return Prediction(estimate, force, rate, velocity_history, P)
+
+
+@inlined
+def differences(last: LastStep, sample: Sample) -> tuple[Vec3, Vec3, float]:
+    """Second and first difference (rad/s) of the rates, and how far apart in time those are (s).
+
+    The rates are those that others have seen between the samples, or the gyroscope's.
+    """
+    gyr, between = sample.gyr_rad_s, sample.between
+    if between.given:
+        return between.change_rad_s, between.change_rad_s, between.step_s
+    second_difference = line_deviation(
+        gyr, last.gyr_rad_s, last.gyr_before_rad_s, sample.dt_s, last.dt_s
     )
-    add_knock(P, state.rough, off, dt)
-    estimate = estimate._replace(
-        q_ned_frd=q,
-        velocity_ned_m_s=v,
-        receiver_error_m_s=receiver_error,
-        filter_error_m_s=filter_error,
-    )
-    return Prediction(
-        estimate=estimate,
-        force_ned_m_s2=force,
-        rate_rad_s=rate,
-        velocity_history=velocity_history,
-        covariance=P,
-    )
+    return second_difference, subtract(gyr, last.gyr_rad_s), sample.dt_s
 
 
 @inlined
@@ -134,45 +129,33 @@ def line_deviation(third: Vec3, second: Vec3, first: Vec3, dt: float, before_s: 
 @inlined
 def newest_deviation(velocity_history: Array) -> Vec3:
     """How far the newest force (NED) lies off the line through the two before it."""
-    third, second = row(velocity_history, 0, ACCELERATION), row(velocity_history, 1, ACCELERATION)
-    first = row(velocity_history, 2, ACCELERATION)
+    third, second = part(velocity_history[0], ACCELERATION), part(velocity_history[1], ACCELERATION)
+    first = part(velocity_history[2], ACCELERATION)
     step_s = velocity_history[0, TIME] - velocity_history[1, TIME]
     before_s = velocity_history[1, TIME] - velocity_history[2, TIME]
     return line_deviation(third, second, first, step_s, before_s)
 
 
 @inlined
-def largest_knock(rough: Roughness) -> float:
-    """Square (m/s^2)^2 beyond which a force is too far off the line."""
-    return FAR * max(rough.knocked, LEAST_KNOCK_M_S2**2)
+def watch_knocks(P: Array, rough: Roughness, velocity_history: Array, dt: float) -> Roughness:
+    """The roughness after one more force.
 
-
-@inlined
-def add_knock(P: Array, rough: Roughness, off_m_s2: Vec3, dt: float) -> None:
-    """A reading far off the line through its neighbours may be no push at all, in place.
-
-    Its effect on the velocity is as uncertain as it is large. An autopilot's filter reads the same
-    accelerometer and makes the same error, so its reports prove nothing.
+    A force far off the line through its neighbours may be no push at all, and counts little. Its
+    effect on the velocity is as uncertain as it is large, in place. An autopilot's filter reads the
+    same accelerometer and makes the same error, so its reports prove nothing.
     """
-    square = dot(off_m_s2, off_m_s2)
-    beyond = 1.0 - largest_knock(rough) / max(square, TINY)
-    if beyond <= 0.0:
-        return
-    for i in range(3):
-        variance = beyond * (dt * off_m_s2[i]) ** 2
-        v, e = VELOCITY + i, FILTER_ERROR + i
-        P[v, v] += variance
-        P[e, e] += variance
-        P[v, e] -= variance
-        P[e, v] -= variance
-
-
-@inlined
-def watch_knocks(rough: Roughness, velocity_history: Array, dt: float) -> Roughness:
-    """The roughness after one more force; one that is too far off counts little."""
     off = newest_deviation(velocity_history)
-    square = min(dot(off, off), largest_knock(rough))
-    knocked = rough.knocked + dt / (USUAL_S + dt) * (square - rough.knocked)
+    square, most = dot(off, off), FAR * max(rough.knocked, LEAST_KNOCK_M_S2**2)
+    beyond = 1.0 - most / max(square, TINY)
+    if beyond > 0.0:
+        for i in range(3):
+            variance = beyond * (dt * off[i]) ** 2
+            v, e = VELOCITY + i, FILTER_ERROR + i
+            P[v, v] += variance
+            P[e, e] += variance
+            P[v, e] -= variance
+            P[e, v] -= variance
+    knocked = rough.knocked + dt / (USUAL_S + dt) * (min(square, most) - rough.knocked)
     return rough._replace(knocked=knocked)
 
 
@@ -180,16 +163,16 @@ def watch_knocks(rough: Roughness, velocity_history: Array, dt: float) -> Roughn
 def add_noise(
     params: AidingParams,
     P: Array,
-    state: AidingState,
+    E: Vec3,
     aliased_turn: Vec3,
     aliased_push: Vec3,
     unseen: float,
     dt: float,
-) -> tuple[Vec3, Vec3]:
-    """What a step adds to the covariance, in place; returns what is left of both slow errors.
+) -> None:
+    """What a step adds to the covariance, in place, where the place's field is ``E``.
 
-    They are a receiver's and a filter's. The more two samples differ, the more may have happened
-    between them. ``unseen`` (rad^2) is what else the step has missed of a turn about an axis.
+    The more two samples differ, the more may have happened between them. ``unseen`` (rad^2) is what
+    else the step has missed of a turn about an axis.
     """
     aliasing = params.integration_noise**2
     push = params.acc_noise**2 * dt
@@ -201,71 +184,25 @@ def add_noise(
         P[ACC_BIAS + i, ACC_BIAS + i] += params.acc_bias_sigma**2 * dt / LEARNT_LASTS_S
         if P[HARD_IRON + i, HARD_IRON + i] < iron:
             P[HARD_IRON + i, HARD_IRON + i] += iron * dt / LEARNT_LASTS_S
-    estimate, (filter_reports, receiver_reports) = state.estimate, state.agreement
-    pushed = state.last.force_ned_m_s2
-    turning = params.filter_turning_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
-    by_filter = (params.filter_error_m_s**2 + turning) * max(
-        1.0, filter_reports.scatter.noise_scale
-    )
-    by_receiver = params.receiver_error_m_s**2 * max(1.0, receiver_reports.scatter.noise_scale)
-    filter_m_s = age_error(params, P, FILTER_ERROR, estimate.filter_error_m_s, by_filter, dt)
-    receiver_m_s = age_error(
-        params, P, RECEIVER_ERROR, estimate.receiver_error_m_s, by_receiver, dt
-    )
-    E = estimate.earth_gauss
     field = NORM_SCALE**2 * dt / FORGET_S  # of its strength, as a share
     horizontal = field * (1.0 + E[2] * E[2] / max(E[0] * E[0] + E[1] * E[1], 1e-12))
     for i in range(2):  # the place's field may change its strength, not its declination
         for j in range(2):
             P[EARTH + i, EARTH + j] += horizontal * E[i] * E[j]
     P[EARTH + 2, EARTH + 2] += field * dot(E, E)
-    return receiver_m_s, filter_m_s
 
 
 @inlined
-def judge_biases(now: Prediction, bias_prior: BiasPrior) -> BiasPrior:
-    """How uncertain biases of both sensors are that nothing has shown; in place, too.
-
-    Three axes are one sensor's: if one is off by more than expected, the others may be as far off,
-    unless they have been learnt. At rest or in straight flight an accelerometer's bias across the
-    force has turned the attitude: R a = turn x f.
-    """
-    estimate = now.estimate
-    R = rotation_matrix(estimate.q_ned_frd)
-    gyr = judge_sensor(now.covariance, GYR_BIAS, estimate.gyr_bias_rad_s, bias_prior.gyr, R, 0.0)
-    tilt_per_bias = 1.0 / STANDARD_GRAVITY_M_S2
-    acc = judge_sensor(
-        now.covariance, ACC_BIAS, estimate.acc_bias_m_s2, bias_prior.acc, R, tilt_per_bias
-    )
-    return BiasPrior(gyr, acc)
-
-
-@inlined
-def judge_sensor(
-    P: Array, first: int, bias: Vec3, variance: float, R: Array, tilt_per_bias: float
-) -> float:
-    """The variance of a sensor's bias that nothing has shown, and that of its axes, in place.
-
-    ``tilt_per_bias`` is by how much (rad) a bias across the vertical has turned the attitude.
-    """
-    largest = max(bias[0] * bias[0], bias[1] * bias[1], bias[2] * bias[2])
-    if largest <= variance:
-        return variance
-    for k in range(3):
-        i = first + k
-        learnt = max(0.0, 1.0 / P[i, i] - 1.0 / variance)
-        grown = max(0.0, 1.0 / (learnt + 1.0 / largest) - P[i, i])
-        north, east = tilt_per_bias * R[1, k], -tilt_per_bias * R[0, k]
-        P[i, i] += grown
-        P[i, TURN] += grown * north
-        P[TURN, i] += grown * north
-        P[i, TURN + 1] += grown * east
-        P[TURN + 1, i] += grown * east
-        P[TURN, TURN] += grown * north * north
-        P[TURN, TURN + 1] += grown * north * east
-        P[TURN + 1, TURN] += grown * north * east
-        P[TURN + 1, TURN + 1] += grown * east * east
-    return largest
+def age_errors(params: AidingParams, P: Array, state: AidingState, dt: float) -> AidingEstimate:
+    """The estimate with what is left of both sources' slow errors; their covariance in place."""
+    estimate, (by_filter, by_receiver) = state.estimate, state.agreement
+    pushed = state.last.force_ned_m_s2
+    turning = params.filter_turning_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
+    variance = (params.filter_error_m_s**2 + turning) * max(1.0, by_filter.scatter.noise_scale)
+    of_filter = age_error(params, P, FILTER_ERROR, estimate.filter_error_m_s, variance, dt)
+    variance = params.receiver_error_m_s**2 * max(1.0, by_receiver.scatter.noise_scale)
+    of_receiver = age_error(params, P, RECEIVER_ERROR, estimate.receiver_error_m_s, variance, dt)
+    return estimate._replace(filter_error_m_s=of_filter, receiver_error_m_s=of_receiver)
 
 
 @inlined
@@ -288,9 +225,45 @@ def age_error(
 
 
 @inlined
-def part(x: Array, first: int) -> Vec3:
-    """Three corrections from ``first`` on."""
-    return (x[first], x[first + 1], x[first + 2])
+def judge_biases(now: Prediction, bias_prior: BiasPrior) -> BiasPrior:
+    """How uncertain biases of both sensors are that nothing has shown; in place, too.
+
+    Three axes are one sensor's: if one is off by more than expected, the others may be as far off,
+    unless they have been learnt. At rest or in straight flight an accelerometer's bias across the
+    force has turned the attitude: R a = turn x f.
+    """
+    P, estimate, per_bias = now.covariance, now.estimate, 1.0 / STANDARD_GRAVITY_M_S2
+    R = rotation_matrix(estimate.q_ned_frd)
+    return BiasPrior(
+        gyr=judge_sensor(P, GYR_BIAS, estimate.gyr_bias_rad_s, bias_prior.gyr, R, 0.0),
+        acc=judge_sensor(P, ACC_BIAS, estimate.acc_bias_m_s2, bias_prior.acc, R, per_bias),
+    )
+
+
+@inlined
+def judge_sensor(
+    P: Array, first: int, bias: Vec3, variance: float, R: Array, tilt_per_bias: float
+) -> float:
+    """The variance of a sensor's bias that nothing has shown, and that of its axes, in place.
+
+    ``tilt_per_bias`` is by how much (rad) a bias across the vertical has turned the attitude.
+    """
+    largest = max(bias[0] * bias[0], bias[1] * bias[1], bias[2] * bias[2])
+    if largest <= variance:
+        return variance
+    for k in range(3):
+        i = first + k
+        learnt = max(0.0, 1.0 / P[i, i] - 1.0 / variance)
+        grown = max(0.0, 1.0 / (learnt + 1.0 / largest) - P[i, i])
+        north, east = tilt_per_bias * R[1, k], -tilt_per_bias * R[0, k]
+        P[i, i] += grown
+        for j, turned in ((TURN, north), (TURN + 1, east)):
+            P[i, j] += grown * turned
+            P[j, i] += grown * turned
+            P[j, j] += grown * turned * turned
+        P[TURN, TURN + 1] += grown * north * east
+        P[TURN + 1, TURN] += grown * north * east
+    return largest
 
 
 @inlined

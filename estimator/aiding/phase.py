@@ -26,26 +26,20 @@ class Cause(StrEnum):
     SWITCH_OFF = "switch off"  # by the profile
 
 
-TRANSITIONS: dict[tuple[Phase, Cause], Phase] = {
-    (Phase.EMPTY, Cause.RAW_SAMPLE): Phase.RAW,
-    (Phase.EMPTY, Cause.SAMPLE): Phase.UNAIDED,
-    (Phase.RAW, Cause.SAMPLE): Phase.UNAIDED,
-    (Phase.UNAIDED, Cause.RAW_SAMPLE): Phase.RAW,
-    (Phase.UNAIDED, Cause.REPORT): Phase.SEARCHING,
-    (Phase.UNAIDED, Cause.BEGIN): Phase.AIDED,
-    (Phase.SEARCHING, Cause.RAW_SAMPLE): Phase.RAW,
-    (Phase.SEARCHING, Cause.BEGIN): Phase.AIDED,
-    (Phase.SEARCHING, Cause.GAP): Phase.UNAIDED,
-    (Phase.SEARCHING, Cause.SWITCH_OFF): Phase.UNAIDED,
-    (Phase.AIDED, Cause.RAW_SAMPLE): Phase.RAW,
-    (Phase.AIDED, Cause.GAP): Phase.UNAIDED,
-    (Phase.AIDED, Cause.GIVE_UP): Phase.UNAIDED,
-    (Phase.AIDED, Cause.MISLED): Phase.UNAIDED,
-    (Phase.AIDED, Cause.SWITCH_OFF): Phase.UNAIDED,
+# What a cause leads to, and from where; it leaves any other phase as it is.
+TRANSITIONS: dict[Cause, tuple[Phase, set[Phase]]] = {
+    Cause.RAW_SAMPLE: (Phase.RAW, set(Phase)),
+    Cause.SAMPLE: (Phase.UNAIDED, {Phase.EMPTY, Phase.RAW}),
+    Cause.REPORT: (Phase.SEARCHING, {Phase.UNAIDED}),
+    Cause.BEGIN: (Phase.AIDED, {Phase.UNAIDED, Phase.SEARCHING}),
+    Cause.GAP: (Phase.UNAIDED, {Phase.SEARCHING, Phase.AIDED}),
+    Cause.GIVE_UP: (Phase.UNAIDED, {Phase.AIDED}),
+    Cause.MISLED: (Phase.UNAIDED, {Phase.AIDED}),
+    Cause.SWITCH_OFF: (Phase.UNAIDED, {Phase.SEARCHING, Phase.AIDED}),
 }
-"""Every pair that is not listed leaves the phase as it is."""
 
 
 def after(phase: Phase, cause: Cause) -> Phase:
     """The phase that follows."""
-    return TRANSITIONS.get((phase, cause), phase)
+    following, earlier = TRANSITIONS[cause]
+    return following if phase in earlier else phase

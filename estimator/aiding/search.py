@@ -21,15 +21,7 @@ from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
-from estimator.geometry.quaternion import (
-    add,
-    cross,
-    dot,
-    rotate,
-    rotate_inverse,
-    scale,
-    subtract,
-)
+from estimator.geometry.quaternion import add, cross, dot, rotate, rotate_inverse, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 Matrix = tuple[Vec3, Vec3, Vec3]  # row by row
@@ -119,9 +111,8 @@ def add_sample(
 @inlined
 def extend_window(window: Window, force_g: Vec3, dt: float) -> Window:
     """The window one sample longer, whose specific force is given in G."""
-    pushed = add(window.pushed_m_s, scale(0.5 * dt, add(force_g, window.force_m_s2)))
     return window._replace(
-        pushed_m_s=pushed,
+        pushed_m_s=add(window.pushed_m_s, scale(0.5 * dt, add(force_g, window.force_m_s2))),
         force_m_s2=force_g,
         time_s=window.time_s + dt,
         longest_step_s=max(window.longest_step_s, dt),
@@ -186,6 +177,7 @@ def add_report(
     if time_s < SPAN_S:
         return Search(window, before._replace(latest=push, late_sigma_s=late_sigma_s)), True
     a, b = push.change_ned_m_s, push.force_g_m_s
+    felt = rotate_inverse(q_g_frd, b)
     before = fade(before, time_s / MEMORY_S, time_s)
     evidence = Evidence(
         correlation=add_scaled(before.correlation, 1.0, outer(a, b)),
@@ -193,15 +185,7 @@ def add_report(
         lagging=add(before.lagging, cross(b, push.swing_g_m_s2)),
         squares=before.squares + dot(a, a) + dot(b, b),
         windows=before.windows + 1.0,
-        rolled=roll_on(
-            before.rolled,
-            window.velocity_ned_m_s,
-            report.velocity_ned_m_s,
-            report.sigma_m_s,
-            time_s,
-            rotate_inverse(q_g_frd, b),
-            down_frd,
-        ),
+        rolled=roll_on(before.rolled, window.velocity_ned_m_s, report, time_s, felt, down_frd),
         late_sigma_s=late_sigma_s,
         latest=push,
     )

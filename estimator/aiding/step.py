@@ -9,11 +9,9 @@ Formulation with small turns in the inertial frame as in J. Sola 2017, arXiv:171
 
 import numpy as np
 
-from estimator.aiding.acceleration_tilt import (
-    acceleration_tilt_angle,
-    watch_acceleration_tilt,
-)
+from estimator.aiding.acceleration_tilt import acceleration_tilt_angle, watch_acceleration_tilt
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
+from estimator.aiding.covariance import part
 from estimator.aiding.force_fault import take_back
 from estimator.aiding.gyroscope_fault import track_errors, watch_gyroscope
 from estimator.aiding.inertial import (
@@ -21,27 +19,20 @@ from estimator.aiding.inertial import (
     apply_corrections,
     correct_last,
     judge_biases,
-    part,
     predict_motion,
     prediction_at,
     watch_knocks,
 )
 from estimator.aiding.sources.field import begin_anew, forget_iron, observe_heading
-from estimator.aiding.sources.unaided import observe_down, observe_unaided
+from estimator.aiding.sources.unaided import level, level_by_force
 from estimator.aiding.sources.velocity import take_report, wait_for_reports
-from estimator.aiding.sources.wheels import (
-    is_turned,
-    judge_north,
-    observe_wheels,
-    rolls,
-)
+from estimator.aiding.sources.wheels import is_turned, judge_north, observe_wheels, rolls
 from estimator.aiding.types import (
     SIZE,
     TURN,
     AidingParams,
     AidingState,
     Array,
-    CorrectionCusum,
     FieldState,
     LastStep,
     North,
@@ -54,9 +45,7 @@ from estimator.aiding.unseen import watch_turning
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ACCELERATION_LASTS_S, CONFIRM_S, SPAN_S
 from estimator.conditioning.rate import slow_share
-from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
-from estimator.geometry.quaternion import norm, rotate_inverse, scale, unit
-from estimator.types import STANDARD_GRAVITY_M_S2, Sample, Vec3
+from estimator.types import Sample, Vec3
 
 
 @inlined
@@ -77,17 +66,17 @@ def aid(
     slow = slow_share(dt)
     now = predict_motion(params, state, P, velocity_history, sample)
     agreement = wait_for_reports(state.agreement, dt)
-    correction_cusum = pass_time(params, state.correction_cusum, now.estimate, now.covariance, dt)
-    rough = state.rough
+    cusum = pass_time(params, state.correction_cusum, now.estimate, now.covariance, dt)
+    rough = watch_knocks(now.covariance, state.rough, now.velocity_history, dt)
     if slow > 0.0:
-        rough = watch_turning(params, state, now.covariance, sample, slow * others.aliasing)
-    rough = watch_knocks(rough, now.velocity_history, dt)
+        aliasing = slow * others.aliasing
+        rough = watch_turning(params, state.last, rough, now.covariance, sample, aliasing)
     wait_s = min(agreement.by_filter.wait_s, agreement.by_receiver.wait_s)
     is_silent = not report.given and wait_s > SPAN_S + dt
     if is_silent or slow > 0.0:
         tilt_error_rad = acceleration_tilt_angle(state.acceleration_tilt, is_silent, slow)
         share = 1.0 if is_silent else slow
-        now, correction_cusum = level(now, correction_cusum, others, tilt_error_rad, share, dt)
+        now, cusum = level(now, cusum, others, tilt_error_rad, share, dt)
     gyroscope_fault = watch_gyroscope(state, others.gyr_errors, dt)
     track_errors(params, now, state.gyroscope_fault, gyroscope_fault)
     if others.unsensed_turn > 0.0:
@@ -99,9 +88,7 @@ def aid(
         agreement = take_report(params, agreement, now, dt, report, others.gravity_b, x)
     field, wheels = observe_field_and_wheels(params, state, now, sample, others, x)
     now = apply_corrections(now, x)
-    correction_cusum = add_correction(
-        correction_cusum, part(x, TURN), before, known(now.covariance)
-    )
+    cusum = add_correction(cusum, part(x, TURN), before, known(now.covariance))
     bias_prior = judge_biases(now, state.bias_prior)
     last = LastStep(
         gyr_rad_s=sample.gyr_rad_s,
@@ -121,47 +108,12 @@ def aid(
         sigma=sigmas(params, now, field, agreement, bias_prior),
         rough=rough,
         acceleration_tilt=acceleration_tilt,
-        correction_cusum=correction_cusum,
+        correction_cusum=cusum,
         wheels=wheels,
         bias_prior=bias_prior,
         gyroscope_fault=gyroscope_fault,
     )
     return state, now.covariance, now.velocity_history
-
-
-@inlined
-def level_by_force(now: Prediction, others: StepInputs) -> Prediction:
-    """The tilt corrected by the specific force after a turn that the gyroscope has missed.
-
-    Such a correction is expected. Heading and velocity are left to field and reports.
-    """
-    P, f = now.covariance, now.force_ned_m_s2
-    for i in range(TURN, TURN + 3):
-        P[i, i] = max(P[i, i], others.unsensed_turn)
-    size = norm(f) / STANDARD_GRAVITY_M_S2 - 1.0
-    down_b = rotate_inverse(now.estimate.q_ned_frd, unit(scale(-1.0, f)))
-    x = np.zeros(SIZE)
-    observe_down(now, down_b, others.force_scatter + size * size + LEAST_OFF_RAD**2, x)
-    return apply_corrections(now, x)
-
-
-@inlined
-def level(
-    now: Prediction,
-    correction_cusum: CorrectionCusum,
-    others: StepInputs,
-    tilt_error_rad: float,
-    share: float,
-    dt: float,
-) -> tuple[Prediction, CorrectionCusum]:
-    """Learn from down by the unaided stage.
-
-    Large turns do not add up, so this correction is applied before the next ones are computed.
-    """
-    x, before = np.zeros(SIZE), known(now.covariance)
-    observe_unaided(now, others.gravity_b, others.gravity_sigma_rad, tilt_error_rad, x, share, dt)
-    now = apply_corrections(now, x)
-    return now, add_correction(correction_cusum, part(x, TURN), before, known(now.covariance))
 
 
 @inlined
@@ -207,9 +159,7 @@ def take_late_report(
     x = np.zeros(SIZE)
     agreement = take_report(params, state.agreement, now, state.last.dt_s, report, gravity_b, x)
     acceleration_tilt = state.acceleration_tilt._replace(latest_m_s=report.velocity_ned_m_s)
-    correction_cusum = add_correction(
-        state.correction_cusum, part(x, TURN), known(P), known(now.covariance)
-    )
+    cusum = add_correction(state.correction_cusum, part(x, TURN), known(P), known(now.covariance))
     return correct_last(state, now, x)._replace(
-        agreement=agreement, acceleration_tilt=acceleration_tilt, correction_cusum=correction_cusum
+        agreement=agreement, acceleration_tilt=acceleration_tilt, correction_cusum=cusum
     ), now.covariance

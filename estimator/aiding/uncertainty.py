@@ -35,53 +35,52 @@ def sigmas(
     bias_prior: BiasPrior,
 ) -> Sigmas:
     """How uncertain the estimate is after a sample."""
-    P = now.covariance
-    late = sqrt(max(0.0, P[IMU_LAG, IMU_LAG])) * norm(now.rate_rad_s)
-    return Sigmas(
-        inclination_rad=inclination_sigma(params, P, agreement, bias_prior, late),
-        heading_rad=heading_sigma(params, now, agreement, field, late),
-    )
+    P, scale = now.covariance, scatter_scale(params, agreement)
+    late_rad = sqrt(max(0.0, P[IMU_LAG, IMU_LAG])) * norm(now.rate_rad_s)  # from turning only
+    level = inclination_variance(params, P, scale, bias_prior)
+    heading = heading_variance(params, now, scale, field)
+    return Sigmas(sqrt(level + late_rad * late_rad), sqrt(heading + late_rad * late_rad))
 
 
 @inlined
-def inclination_sigma(
-    params: AidingParams, P: Array, agreement: Agreements, bias_prior: BiasPrior, late_rad: float
+def inclination_variance(
+    params: AidingParams, P: Array, scale: float, bias_prior: BiasPrior
 ) -> float:
-    """Sigma by the covariance, as far as the reports' scatter confirms it, and by ``late_rad``.
+    """By the covariance, as far as the scatter ``scale`` confirms it.
 
-    ``late_rad`` comes from turning only. Reports show nothing of what a poor accelerometer's bias
-    may have turned, however well they agree.
+    Reports show nothing of what a poor accelerometer's bias may have turned, however well they
+    agree.
     """
-    scale = params.colour * scatter_scale(params, agreement)
+    scale *= params.colour
     variance = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
     bias = P[ACC_BIAS, ACC_BIAS] + P[ACC_BIAS + 1, ACC_BIAS + 1] + P[ACC_BIAS + 2, ACC_BIAS + 2]
     by_bias = 0.5 * bias / STANDARD_GRAVITY_M_S2**2
     poor = max(0.0, 1.0 - params.acc_bias_sigma**2 / bias_prior.acc)
     square = scale * scale
     square += (1.0 - min(1.0, square)) * poor * min(1.0, by_bias / max(variance, TINY))
-    return sqrt(PLANE_68**2 * square * variance + late_rad * late_rad)
+    inclination: float = PLANE_68**2 * square * variance
+    return inclination
 
 
 @inlined
-def heading_sigma(
-    params: AidingParams, now: Prediction, agreement: Agreements, field: FieldState, late_rad: float
+def heading_variance(
+    params: AidingParams, now: Prediction, scale: float, field: FieldState
 ) -> float:
-    """Sigma by the covariance and the field's slow disagreement: either may be wrong.
+    """By the covariance and the field's slow disagreement: either may be wrong.
 
     A heading that is no more certain than hard iron may turn the field comes from the field, so the
     reports' agreement does not count.
     """
-    scale = scatter_scale(params, agreement)
     if field.samples == 0.0:
         scale *= params.colour  # by velocity only
-    heading, E = now.covariance[TURN + 2, TURN + 2], now.estimate.earth_gauss
+    E = now.estimate.earth_gauss
+    heading: float = now.covariance[TURN + 2, TURN + 2]
     # how far the hard iron of a calibrated compass may turn the field
     iron_rad = params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), NORM_SCALE * abs(E[2]), TINY)
     by_field = min(1.0, heading / max(iron_rad * iron_rad, 1e-12))
     square = scale * scale
     square += (1.0 - min(1.0, square)) * by_field
-    variance = square * heading + field.off_rad**2
-    return sqrt(variance + late_rad * late_rad)
+    return square * heading + field.off_rad**2
 
 
 @inlined

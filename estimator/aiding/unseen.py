@@ -7,14 +7,14 @@ are: it is three times that of first differences for independent readings, and m
 ones.
 """
 
-from estimator.aiding.inertial import line_deviation
-from estimator.aiding.types import TURN, VELOCITY, AidingParams, AidingState, Array, Roughness
+from estimator.aiding.inertial import differences
+from estimator.aiding.types import TURN, VELOCITY, AidingParams, Array, LastStep, Roughness
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import LATELY_S, LONGEST_STEP_S, SPAN_S
 from estimator.conditioning.rate import likeness, slow_share
 from estimator.conditioning.vertical.tilt import HOLE_RAD_S
-from estimator.geometry.quaternion import dot, subtract
-from estimator.types import STANDARD_GRAVITY_M_S2, UNSEEN_STEP_S, Sample, Vec3
+from estimator.geometry.quaternion import square
+from estimator.types import STANDARD_GRAVITY_M_S2, UNSEEN_STEP_S, Sample
 
 # A smooth motion's readings have half of that and more at turns; the power leaves them out.
 SHARPNESS = 3
@@ -24,7 +24,12 @@ HOLE_M_S2 = HOLE_RAD_S * STANDARD_GRAVITY_M_S2
 
 @inlined
 def watch_turning(
-    params: AidingParams, state: AidingState, P: Array, sample: Sample, aliasing: float
+    params: AidingParams,
+    last: LastStep,
+    rough: Roughness,
+    P: Array,
+    sample: Sample,
+    aliasing: float,
 ) -> Roughness:
     """Add what a slow stream's step has missed to the covariance, in place.
 
@@ -32,39 +37,29 @@ def watch_turning(
     readings look independent now or did lately. Readings nearer than ``UNSEEN_STEP_S`` show more
     than that: at 4 Hz it cost headings beside a compass' faults.
     """
-    last, dt, between = state.last, sample.dt_s, sample.between
-    change = subtract(sample.gyr_rad_s, last.gyr_rad_s)
-    second_difference = line_deviation(
-        sample.gyr_rad_s, last.gyr_rad_s, last.gyr_before_rad_s, dt, last.dt_s
-    )
-    seen_s = dt
-    if between.given:
-        change = second_difference = between.change_rad_s
-        seen_s = between.step_s
-    rough = state.rough
+    second_difference, change, seen_s = differences(last, sample)
+    second, first, dt = square(second_difference), square(change), sample.dt_s
     level = 0.0
     if seen_s > UNSEEN_STEP_S:
-        second = max(dot(second_difference, second_difference), rough.second_difference)
-        first = max(dot(change, change), rough.changed)
-        level = 0.5 * aliasing * likeness(second, first)
+        lately = likeness(max(second, rough.second_difference), max(first, rough.changed))
+        level = 0.5 * aliasing * lately
     north, east = P[TURN, TURN] + level, P[TURN + 1, TURN + 1] + level
-    add_unseen_turn(params, P, rough, second_difference, dt, seen_s)
+    add_unseen_turn(params, P, rough, second, dt, seen_s)
     add_hole(P, dt)
     P[TURN, TURN] = max(P[TURN, TURN], north)
     P[TURN + 1, TURN + 1] = max(P[TURN + 1, TURN + 1], east)
-    return watch_roughness(rough, second_difference, change, dt)
+    share = dt / (LATELY_S + dt)
+    return rough._replace(
+        second_difference=rough.second_difference + share * (second - rough.second_difference),
+        changed=rough.changed + share * (first - rough.changed),
+    )
 
 
 @inlined
 def add_unseen_turn(
-    params: AidingParams,
-    P: Array,
-    rough: Roughness,
-    second_difference: Vec3,
-    dt: float,
-    seen_s: float,
+    params: AidingParams, P: Array, rough: Roughness, second: float, dt: float, seen_s: float
 ) -> None:
-    """Variance of the turn that a step has missed, in place; ``second_difference`` is in rad/s.
+    """Variance of the turn that a step has missed, in place; ``second`` is in (rad/s)^2.
 
     The mean of two independent instants is off the mean over the step by 0.29 of the second
     difference, about every axis. The turning is seen every ``seen_s``.
@@ -73,10 +68,9 @@ def add_unseen_turn(
     if slow <= 0.0:
         return
     share = params.unseen_turn_noise * seen_s / (seen_s + LONGEST_STEP_S)
-    now = dot(second_difference, second_difference)
-    square = max(now, rough.second_difference)  # one even pair may be chance
+    most = max(second, rough.second_difference)  # one even pair may be chance
     independent = likeness(rough.second_difference, rough.changed) ** SHARPNESS
-    variance = slow * share * share * independent * square * dt * seen_s / 3.0
+    variance = slow * share * share * independent * most * dt * seen_s / 3.0
     for i in range(TURN, TURN + 3):
         P[i, i] += variance
 
@@ -90,16 +84,3 @@ def add_hole(P: Array, dt: float) -> None:
     for i in range(3):
         P[TURN + i, TURN + i] += (HOLE_RAD_S * hole_s) ** 2
         P[VELOCITY + i, VELOCITY + i] += (HOLE_M_S2 * hole_s) ** 2
-
-
-@inlined
-def watch_roughness(
-    rough: Roughness, second_difference: Vec3, change: Vec3, dt: float
-) -> Roughness:
-    """The roughness after one more reading."""
-    share = dt / (LATELY_S + dt)
-    return rough._replace(
-        second_difference=rough.second_difference
-        + share * (dot(second_difference, second_difference) - rough.second_difference),
-        changed=rough.changed + share * (dot(change, change) - rough.changed),
-    )

@@ -4,11 +4,9 @@ Rows of (time, velocity gained since the beginning, acceleration), the newest fi
 A row is kept every ``STEP_S`` or at each sample if those are slower; the newest is always there.
 """
 
-from itertools import accumulate
-from typing import NamedTuple
-
 import numpy as np
 
+from estimator.aiding.covariance import part
 from estimator.aiding.types import Array
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
@@ -19,23 +17,14 @@ from estimator.types import Vec3
 
 ROWS = 32  # with ``STEP_S`` 0.6 s
 OLDEST_S = ROWS * STEP_S  # how far back it goes at least: older reports come too late
-WIDTHS = {"time": 1, "gained": 3, "acceleration": 3}
-TIME, GAINED, ACCELERATION, COLUMNS = accumulate(WIDTHS.values(), initial=0)
-
-
-class Since(NamedTuple):
-    """Between a moment and the newest sample."""
-
-    gained_m_s: Vec3  # velocity, since then
-    acceleration_m_s2: Vec3  # at that moment
+TIME, GAINED, ACCELERATION, COLUMNS = 0, 1, 4, 7
 
 
 def new_velocity_history(acceleration: Vec3) -> Array:
     """(ROWS, COLUMNS) before the first step: nothing has been gained."""
     velocity_history = np.zeros((ROWS, COLUMNS))
-    velocity_history[0, ACCELERATION : ACCELERATION + 3] = acceleration
     velocity_history[1:, TIME] = -LONG_S - np.arange(1, ROWS)  # nothing is known before
-    velocity_history[1:, ACCELERATION : ACCELERATION + 3] = acceleration
+    velocity_history[:, ACCELERATION : ACCELERATION + 3] = acceleration
     return velocity_history
 
 
@@ -53,31 +42,25 @@ def extend_velocity_history(before: Array, gained: Vec3, acceleration: Vec3, dt:
 
 
 @inlined
-def row(velocity_history: Array, k: int, first: int) -> Vec3:
-    """Three columns of a row."""
-    now = velocity_history[k]
-    return (now[first], now[first + 1], now[first + 2])
+def look_back(velocity_history: Array, ago_s: float) -> tuple[Vec3, Vec3]:
+    """The velocity gained since ``ago_s`` before the newest sample, and the acceleration then.
 
-
-@inlined
-def look_back(velocity_history: Array, ago_s: float) -> Since:
-    """What happened since ``ago_s`` before the newest sample; ahead of it if negative.
-
-    The acceleration is linear between two rows and stays what it was outside.
+    That moment is ahead of the sample if ``ago_s`` is negative. The acceleration is linear between
+    two rows and stays what it was outside.
     """
     then = velocity_history[0, TIME] - ago_s
-    newest = row(velocity_history, 0, ACCELERATION)
+    newest = part(velocity_history[0], ACCELERATION)
     if ago_s <= 0.0:
-        return Since(scale(ago_s, newest), newest)
+        return scale(ago_s, newest), newest
     k = 0
     while k < ROWS - 2 and velocity_history[k + 1, TIME] > then:
         k += 1
-    after = row(velocity_history, k, ACCELERATION)
-    before = row(velocity_history, k + 1, ACCELERATION)
+    after = part(velocity_history[k], ACCELERATION)
+    before = part(velocity_history[k + 1], ACCELERATION)
     back = velocity_history[k, TIME] - then
-    gained = subtract(row(velocity_history, 0, GAINED), row(velocity_history, k, GAINED))
+    gained = subtract(part(velocity_history[0], GAINED), part(velocity_history[k], GAINED))
     step = velocity_history[k, TIME] - velocity_history[k + 1, TIME]
     if step > LONG_S or back > (1.0 + TINY) * step:  # the history does not go back that far
-        return Since(add(gained, scale(back, after)), after)
+        return add(gained, scale(back, after)), after
     change = scale(back / step, subtract(before, after))
-    return Since(add(gained, scale(back, add(after, scale(0.5, change)))), add(after, change))
+    return add(gained, scale(back, add(after, scale(0.5, change)))), add(after, change)

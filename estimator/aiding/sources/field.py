@@ -76,27 +76,21 @@ def begin_field(
     if n == 0.0:
         return state
     along = (MOST_DISTORTION * n) ** 2
-    known = north.is_known
-    c, s = north.direction
-    across = (LEAST_OFF_RAD * h) ** 2 if known else along
-    if not known:
-        c, s = (F[0] / h, F[1] / h) if h > 0.0 else (1.0, 0.0)
-    A = R.copy()
-    if known:
+    A, turned = R.copy(), np.zeros((3, 3))
+    if north.is_known:
+        (c, s), across = north.direction, (LEAST_OFF_RAD * h) ** 2
         for j in range(3):
             a = c * R[0, j] + s * R[1, j]
             A[0, j], A[1, j] = c * a, s * a
-    turned = np.zeros((3, 3))
-    if not known:
+    else:
+        (c, s), across = (F[0] / h, F[1] / h) if h > 0.0 else (1.0, 0.0), along
         turned[0, 1], turned[1, 2], turned[2, 0] = F[2], F[0], F[1]
         turned[1, 0], turned[2, 1], turned[0, 2] = -F[2], -F[0], -F[1]
-    for i in range(3):
-        for j in range(SIZE):
+    for j in range(SIZE):
+        for i in range(3):
+            P[EARTH + i, j] = shown(P, turned, A, R, i, j)
             if not EARTH <= j < EARTH + 3:
-                P[EARTH + i, j] = P[j, EARTH + i] = shown(P, turned, A, R, i, j)
-    for i in range(3):
-        for j in range(3):
-            P[EARTH + i, EARTH + j] = shown(P, turned, A, R, i, EARTH + j)
+                P[j, EARTH + i] = P[EARTH + i, j]
     P[EARTH, EARTH] += along * c * c + across * s * s
     P[EARTH, EARTH + 1] += (along - across) * c * s
     P[EARTH + 1, EARTH] += (along - across) * c * s
@@ -199,7 +193,7 @@ def observe_heading(
     c, s = E[0] / H, E[1] / H
     F_along, F_across = c * F[0] + s * F[1], c * F[1] - s * F[0]
     noise = params.heading_noise**2 / (wait * max(field.look.confidence, TINY))
-    across = across_row(R, F, dF, c, s, H)
+    across = field_row(R, dF, (-s / H, c / H, 0.0), (-c * F[2] / H, -s * F[2] / H, 1.0))
     off = -F_across / H
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
@@ -223,28 +217,20 @@ def observe_heading(
 
 
 @inlined
-def across_row(R: Array, F: Vec3, dF: Vec3, c: float, s: float, H: float) -> Array:
-    """How the errors show across the place's horizontal field ``H`` (c, s), in shares of that."""
-    row = field_row(R, dF, (-s / H, c / H, 0.0))
-    row[TURN] = -c * F[2] / H
-    row[TURN + 1] = -s * F[2] / H
-    row[TURN + 2] = 1.0
-    add_compass(row, R)
-    return row
+def field_row(R: Array, dF: Vec3, axis: Vec3, turn: Vec3) -> Array:
+    """How the errors show in (place's field - field seen) on an axis, the attitude's by ``turn``.
 
-
-@inlined
-def field_row(R: Array, dF: Vec3, axis: Vec3) -> Array:
-    """How the errors of hard iron, lag and place show in (place's field - field seen) on an axis.
-
-    E - F = turn x F - R d_iron - d_lag dF - d_E, all in NED, to which R turns the compass's axes.
+    E - F = turn x F - R d_iron - d_lag dF - d_E, all in NED, to which R turns the compass's axes. A
+    compass turned in the vehicle shows as the vehicle's turn about minus its down axis.
     """
     h = np.zeros(SIZE)
     for i in range(3):
         for j in range(3):
             h[HARD_IRON + j] -= axis[i] * R[i, j]
         h[EARTH + i] = -axis[i]
+        h[TURN + i] = turn[i]
     h[FIELD_LAG] = -dot(axis, dF)
+    h[COMPASS_TURN] = -(turn[0] * R[0, 2] + turn[1] * R[1, 2] + turn[2] * R[2, 2])
     return h
 
 
@@ -252,14 +238,11 @@ def field_row(R: Array, dF: Vec3, axis: Vec3) -> Array:
 def angle_row(R: Array, F: Vec3, dF: Vec3, E: Vec3) -> Array:
     """How the errors show in the angle from the field seen to the place's, however large it is."""
     h, H = sqrt(F[0] * F[0] + F[1] * F[1]), sqrt(E[0] * E[0] + E[1] * E[1])
-    across = field_row(R, dF, (-F[1] / (h * h), F[0] / (h * h), 0.0))
-    across[EARTH] = E[1] / (H * H)
-    across[EARTH + 1] = -E[0] / (H * H)
-    across[TURN] = -F[0] * F[2] / (h * h)
-    across[TURN + 1] = -F[1] * F[2] / (h * h)
-    across[TURN + 2] = 1.0
-    add_compass(across, R)
-    return across
+    turn = (-F[0] * F[2] / (h * h), -F[1] * F[2] / (h * h), 1.0)
+    row = field_row(R, dF, (-F[1] / (h * h), F[0] / (h * h), 0.0), turn)
+    row[EARTH] = E[1] / (H * H)
+    row[EARTH + 1] = -E[0] / (H * H)
+    return row
 
 
 @inlined
@@ -279,26 +262,9 @@ def learn_place(
     difference = subtract(E, F)
     tilt = 0.0 if is_near else 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
     for axis, across in ((along, E[2]), (down, H)):
-        h = field_row(R, dF, axis)
-        if is_near:
-            add_turn(h, R, F, axis)
+        turn = cross(F, axis) if is_near else ZERO_VEC3  # axis . (t x F) = t . (F x axis)
+        h = field_row(R, dF, axis, turn)
         learn(P, x, h, dot(axis, difference), noise + tilt * across * across / square)
-
-
-@inlined
-def add_turn(h: Array, R: Array, F: Vec3, axis: Vec3) -> None:
-    """How a turn t shows on an axis, in place: axis . (t x F) = t . (F x axis)."""
-    t = cross(F, axis)
-    h[TURN] = t[0]
-    h[TURN + 1] = t[1]
-    h[TURN + 2] = t[2]
-    add_compass(h, R)
-
-
-@inlined
-def add_compass(h: Array, R: Array) -> None:
-    """A compass turned in the vehicle shows as the vehicle's turn about minus its down axis."""
-    h[COMPASS_TURN] = -(h[TURN] * R[0, 2] + h[TURN + 1] * R[1, 2] + h[TURN + 2] * R[2, 2])
 
 
 @inlined

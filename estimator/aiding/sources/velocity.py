@@ -95,8 +95,8 @@ def take_report(
         P[lag_at, lag_at] = report.late_sigma_s**2
         x[lag_at] = report.late_sigma_s
     age_s = report.ago_s + lag_s - estimate.imu_lag_s + estimate.acc_lead_s
-    past = look_back(now.velocity_history, age_s)
-    pushed = subtract(past.gained_m_s, scale(age_s, GRAVITY_NED))
+    gained_m_s, acceleration = look_back(now.velocity_history, age_s)
+    pushed = subtract(gained_m_s, scale(age_s, GRAVITY_NED))
     behind = min(1.0, report.ago_s / dt)
     aliasing = scale(params.integration_noise * dt * behind, newest_deviation(now.velocity_history))
     sigma *= max(1.0, report.sigma_m_s / params.report_sigma_m_s)
@@ -105,8 +105,8 @@ def take_report(
     # very noisy reports, or an attitude that makes them look so: then the unaided one disagrees
     far = scatter.noise_scale > FAR and elsewhere
     for i in range(3 if report.has_vertical else 2):
-        h = velocity_row(error_at, lag_at, i, pushed, past.acceleration_m_s2, dt)
-        then = estimate.velocity_ned_m_s[i] - past.gained_m_s[i]
+        h = velocity_row(error_at, lag_at, i, pushed, acceleration, dt)
+        then = estimate.velocity_ned_m_s[i] - gained_m_s[i]
         off = report.velocity_ned_m_s[i] - error_m_s[i] - then
         noise = scatter.noise_scale * sigma * sigma + aliasing[i] * aliasing[i]
         left = residual(x, h, off)

@@ -72,7 +72,7 @@ def test_a_turned_attitude_is_inflated_by_as_much(receiver, turn_deg, measured_e
     """R_true = exp(turn) R: the mean turn is the one that is missing, sigma about twice that."""
     wrong = multiply(exp(tuple(-radians(a) for a in turn_deg)), TRUTH)
     consistency = watched(aided(wrong), receiver=receiver)
-    found = np.degrees((consistency.tilt.mean_north_rad, consistency.tilt.mean_east_rad))
+    found = np.degrees(consistency.tilt.mean_rad[:2])
     # pushes of 2 m/s^2 let a heading of 8 deg show as 1.5 deg of tilt
     assert np.abs(found - turn_deg[:2]).max() < 1.6
     angle = np.linalg.norm(turn_deg)

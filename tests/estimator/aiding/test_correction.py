@@ -6,8 +6,14 @@ import pytest
 from estimator.aiding import types
 from estimator.aiding.beginning import Start, begin, blank_aiding, forget_biases
 from estimator.aiding.covariance import expected_variance, rotation_matrix
-from estimator.aiding.inertial import Prediction, apply_corrections, judge_biases, predict_motion
-from estimator.aiding.sources.unaided import observe_unaided
+from estimator.aiding.inertial import (
+    Prediction,
+    apply_corrections,
+    judge_biases,
+    predict_motion,
+    watch_knocks,
+)
+from estimator.aiding.sources.unaided import level
 from estimator.aiding.step import aid
 from estimator.aiding.types import (
     ACC_BIAS,
@@ -157,11 +163,12 @@ def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, 
     acceleration_tilt = types.AccelerationTilt((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))
     state = BLANK._replace(agreement=agreement, acceleration_tilt=acceleration_tilt)
     after, after_P, _ = aid(params, state, P, HISTORY, sample, types.NO_REPORT, others)
-    now, x = predict_motion(params, state, P, HISTORY, sample), np.zeros(SIZE)
+    now = predict_motion(params, state, P, HISTORY, sample)
+    rough = watch_knocks(now.covariance, state.rough, now.velocity_history, dt_s)
     if dt_s == 0.5:
-        watch_turning(params, state, now.covariance, sample, 0.0)
+        watch_turning(params, state.last, rough, now.covariance, sample, 0.0)
     tilt_error_rad = push_m_s2 / STANDARD_GRAVITY_M_S2
-    observe_unaided(now, gravity_b, 0.1, tilt_error_rad, x, 1.0, dt_s)
-    assert np.abs(x[:3]).max() > 1e-4
-    assert after.estimate == apply_corrections(now, x).estimate
+    now, cusum = level(now, state.correction_cusum, others, tilt_error_rad, 1.0, dt_s)
+    assert np.abs(cusum.turn_rad).max() > 1e-4
+    assert after.estimate == now.estimate
     assert np.array_equal(after_P, now.covariance)

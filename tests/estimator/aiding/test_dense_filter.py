@@ -7,7 +7,7 @@ import pytest
 
 from estimator.aiding import types
 from estimator.aiding.beginning import blank_aiding
-from estimator.aiding.inertial import Prediction, predict_motion
+from estimator.aiding.inertial import Prediction, apply_corrections, predict_motion, watch_knocks
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.sources import field, unaided, velocity
 from estimator.aiding.velocity_history import ROWS, new_velocity_history
@@ -114,6 +114,7 @@ def test_prediction(rng, error_m_s, seen):
     sample = Sample(floats(gyr), acc, ZERO_VEC3, False, dt, between)
     velocity_history = velocity_history_of(rng, 0.04)
     now = predict_motion(PARAMS, state, P, velocity_history, sample)
+    watch_knocks(now.covariance, rough, now.velocity_history, dt)
 
     w = (turn if seen else gyr) - np.array(before.gyr_bias_rad_s)
     R = matrix_of(before.q_ned_frd) @ turned(w * dt)
@@ -327,14 +328,15 @@ def test_unaided_gravity(rng, tilt_rad):
     d = turned(tilt_rad) @ [0.0, 0.0, 1.0]
     gravity_b = floats(R.T @ d)
     now = Prediction(known, ZERO_VEC3, ZERO_VEC3, NO_HISTORY, P.copy())
-    x = (x0 := SIGMAS * rng.standard_normal(types.SIZE) * 0.1).copy()
     level = np.hypot(d[0], d[1])
-    unaided.observe_unaided(now, gravity_b, 0.1, 0.2, x, 0.6, dt)
+    others = types.StepInputs(gravity_b, 0.1, 0.0, types.North(False, (1.0, 0.0)))
+    after, _ = unaided.level(now, BLANK.correction_cusum, others, 0.2, 0.6, dt)
     turn = np.arctan2(level, d[2]) / level
     noise = (0.1**2 * (1.0 / dt) + 0.2**2 * (3.0 / dt)) / 0.6
-    dense = Dense(P.copy(), x0.copy())
+    dense = Dense(P.copy(), np.zeros(types.SIZE))
     # the turn that takes down to where it was seen points along d x down
     for axis, innovation in ((1, -turn * d[0]), (0, turn * d[1])):
         dense.learn(np.eye(types.SIZE)[types.TURN + axis], innovation, noise)
-    np.testing.assert_allclose(x, dense.x, rtol=1e-9, atol=1e-13)
-    np.testing.assert_allclose(now.covariance, dense.P, rtol=1e-8, atol=1e-13)
+    wanted = np.hstack(apply_corrections(now, dense.x).estimate)
+    np.testing.assert_allclose(np.hstack(after.estimate), wanted, rtol=1e-9, atol=1e-13)
+    np.testing.assert_allclose(after.covariance, dense.P, rtol=1e-8, atol=1e-13)

@@ -10,15 +10,7 @@ from estimator.aiding.force_fault import Before, follow_field, is_no_turn
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, rotate_inverse, unit
 from estimator.profile import load_profile, merge_profile
-from tests.flight import (
-    HEADING,
-    INCLINATION,
-    TRUE_NORTH,
-    banked_flight,
-    changed,
-    errors_deg,
-    flown,
-)
+from tests.flight import HEADING, INCLINATION, TRUE_NORTH, banked_flight, changed, errors_deg, flown
 
 DT = 0.02
 DOWN_AND_NORTH = unit((0.22, 0.0, 0.42))

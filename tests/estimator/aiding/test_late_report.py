@@ -15,13 +15,7 @@ from estimator.aiding.velocity_history import (
     new_velocity_history,
 )
 from estimator.estimator import Estimator
-from estimator.live.rows import (
-    MOST_WAITING,
-    TIME,
-    enqueue,
-    report_rows_of,
-    take_due_velocities,
-)
+from estimator.live.rows import MOST_WAITING, TIME, enqueue, report_rows_of, take_due_velocities
 from estimator.types import VelocitySample
 from tests.flight import banked_flight, north_known, taken_along
 
@@ -181,11 +175,11 @@ def flown(seconds, dt):
 def test_outside_the_history_the_acceleration_goes_on():
     """Ahead of the newest sample its own, before the beginning the oldest."""
     history, t = flown(1.0, 0.02)
-    ahead_m_s = look_back(history, -0.01).gained_m_s
+    ahead_m_s = look_back(history, -0.01)[0]
     assert ahead_m_s == pytest.approx([-0.01 * a for a in acceleration(t)])
     history, t = flown(0.1, 0.02)
     wanted = np.subtract(velocity(t), velocity(0.0)) + np.multiply(0.2, acceleration(0.0))
-    assert look_back(history, 0.3).gained_m_s == pytest.approx(wanted, abs=1e-9)
+    assert look_back(history, 0.3)[0] == pytest.approx(wanted, abs=1e-9)
 
 
 def test_quick_samples_do_not_shorten_the_history():

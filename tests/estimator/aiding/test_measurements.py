@@ -23,11 +23,11 @@ from estimator.aiding.types import (
     Roughness,
     StepInputs,
 )
-from estimator.aiding.unseen import add_hole, add_unseen_turn, watch_roughness
+from estimator.aiding.unseen import watch_turning
 from estimator.aiding.velocity_history import new_velocity_history
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.quaternion import normalize
-from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Sample
+from estimator.types import NO_SAMPLE, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Sample
 
 PARAMS = AidingParams()
 BLANK, _, _ = blank_aiding(PARAMS)
@@ -107,10 +107,12 @@ def unseen_turn_deg(readings, dt_s):
     rough = Roughness(0.0, 0.0, 0.0)
     P = np.zeros((SIZE, SIZE))
     for first, second, third in zip(readings, readings[1:], readings[2:], strict=False):
-        second_difference = ((third - second) - (second - first), 0.0, 0.0)
+        last = BLANK.last._replace(
+            gyr_rad_s=(second, 0.0, 0.0), gyr_before_rad_s=(first, 0.0, 0.0), dt_s=dt_s
+        )
+        sample = NO_SAMPLE._replace(gyr_rad_s=(third, 0.0, 0.0), dt_s=dt_s)
         P[:] = 0.0
-        add_unseen_turn(PARAMS, P, rough, second_difference, dt_s, dt_s)
-        rough = watch_roughness(rough, second_difference, (third - second, 0.0, 0.0), dt_s)
+        rough = watch_turning(PARAMS, last, rough, P, sample, 0.0)
     return degrees(np.sqrt(P[TURN, TURN] + P[TURN + 1, TURN + 1] + P[TURN + 2, TURN + 2]))
 
 
@@ -132,9 +134,9 @@ def test_what_aliased_readings_hide_is_reckoned_with(readings, dt_s, turn_deg):
 
 def test_a_hole_may_hide_any_turn():
     P = np.zeros((SIZE, SIZE))
-    add_hole(P, 0.9)
+    watch_turning(PARAMS, BLANK.last, BLANK.rough, P, NO_SAMPLE._replace(dt_s=0.9), 0.0)
     assert not P.any()
-    add_hole(P, 3.0)
+    watch_turning(PARAMS, BLANK.last, BLANK.rough, P, NO_SAMPLE._replace(dt_s=3.0), 0.0)
     assert degrees(np.sqrt(P[TURN, TURN])) == pytest.approx(34.4, rel=0.01)
     assert np.sqrt(P[VELOCITY, VELOCITY]) == pytest.approx(0.6 * 9.80665)
 

@@ -134,6 +134,10 @@ def test_without_a_class_there_are_no_wheels_and_the_profile_goes_first():
         assert estimator.settings.aiding.sideslip_rad == pytest.approx(sideslip_rad)
 
 
+def reported(velocity_ned_m_s):
+    return Report(True, velocity_ned_m_s, True, 0.3)
+
+
 def rolled(rng, *, sense, windows=8, tilt=(0.0, 0.0), noise_m_s2=0.1):
     """Windows of a second at speeds near 10 m/s, seen by a tilted vertical."""
     found, before = STANDING, np.array((10.0, 0.0))
@@ -144,7 +148,7 @@ def rolled(rng, *, sense, windows=8, tilt=(0.0, 0.0), noise_m_s2=0.1):
         felt = sense * np.array((course @ change, course[0] * change[1] - course[1] * change[0]))
         felt = felt + STANDARD_GRAVITY_M_S2 * np.array(tilt) + noise_m_s2 * rng.standard_normal(2)
         v, w = (*before, 0.0), (*after, 0.0)
-        found = roll_on(found, v, w, 0.3, 1.0, (*felt, -9.8), (0.0, 0.0, 1.0))
+        found = roll_on(found, v, reported(w), 1.0, (*felt, -9.8), (0.0, 0.0, 1.0))
         before = after
     return found
 
@@ -160,9 +164,9 @@ def test_pushes_distinguish_forwards_from_reverse_whatever_the_tilt(sense, tilt)
 def test_what_stands_may_go_on_either_way():
     found = rolled(np.random.default_rng(3), sense=1.0)
     down = (0.0, 0.0, 1.0)
-    stopped = roll_on(found, (1.0, 0.0, 0.0), (0.5, 0.0, 0.0), 0.3, 1.0, (-0.5, 0, -9.8), down)
+    stopped = roll_on(found, (1.0, 0.0, 0.0), reported((0.5, 0.0, 0.0)), 1.0, (-0.5, 0, -9.8), down)
     assert stopped is STANDING
-    again = roll_on(stopped, (0.5, 0.0, 0.0), (2.5, 0.0, 0.0), 0.3, 1.0, (2.0, 0, -9.8), down)
+    again = roll_on(stopped, (0.5, 0.0, 0.0), reported((2.5, 0.0, 0.0)), 1.0, (2.0, 0, -9.8), down)
     assert again.windows == 1.0
     assert forward_evidence(again) == 0.0
 
