@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.jump_signs import turn_of
-from estimator.conditioning.events.step import EventsState, EventsStep
+from estimator.conditioning.events.step import EventsState, States
 from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
 from estimator.conditioning.field.step import north_east, wrap_angle
@@ -43,9 +43,9 @@ class Certainty(NamedTuple):
 
 
 @inlined
-def certainty_of(params: ConditioningParams, now: EventsStep) -> Certainty:
+def certainty_of(params: ConditioningParams, now: States) -> Certainty:
     """The certainty after a learning step; until the next one nothing changes it."""
-    vertical, magnetic, events = now.vertical, now.field.magnetic, now.events
+    vertical, (_, magnetic), events = now
     known = has_heading(magnetic)
     return Certainty(
         has_heading=known,
@@ -116,7 +116,7 @@ def alternative(vertical: VerticalState, magnetic: MagneticState, events: Events
 
 
 @inlined
-def sigma_heading(params: ConditioningParams, now: EventsStep) -> float:
+def sigma_heading(params: ConditioningParams, now: States) -> float:
     """Angle (rad) that 68 % of the heading errors lie under.
 
     The variance P takes the field's error for white. In the long run P is little beside errors that
@@ -125,12 +125,11 @@ def sigma_heading(params: ConditioningParams, now: EventsStep) -> float:
     of gravity, whose error bends a steep field. So P counts as P^2/(P + P_1), except for slow
     streams, whose P is what they miss, and without a field.
     """
-    vertical, magnetic, events = now.vertical, now.field.magnetic, now.events
+    vertical, (calibration, magnetic), events = now
     p = vertical.estimate.covariance[9]
     steep = steepness(magnetic.reference)
     constant = MEASURED_SQUARE * events.heading.scatter + alternative(vertical, magnetic, events)
     dt_s = vertical.coefficients.dt_s
-    slow = slowness(params, dt_s)
     tilt_variance = (
         lag_square(vertical.gravity.force)
         + vertical.inflation
@@ -139,8 +138,8 @@ def sigma_heading(params: ConditioningParams, now: EventsStep) -> float:
     by_tilt = 0.5 * steep * (events.gravity.uneven + tilt_variance)
     constant += LEAST_DIRECTION_RAD**2 + by_tilt + events.inflation.variance
     uneven = max(0.0, magnetic.reference.uneven - SCALE_ERROR**2)
-    _, own_left = own_field(now.field.calibration.learnt)
+    _, own_left = own_field(calibration.learnt)
     constant += (1.0 + steep) * (MEASURED_SQUARE * uneven + 0.5 * own_left)
-    counts = max(slow, min(1.0, magnetic.wait_s / SPAN_S))
+    counts = max(slowness(params, dt_s), min(1.0, magnetic.wait_s / SPAN_S))
     own = p * (counts + (1.0 - counts) * p / (p + SETTLED_HEADING_RAD**2))
     return sqrt(own + constant)

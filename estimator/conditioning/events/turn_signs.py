@@ -94,7 +94,7 @@ def watch_heading(
     confirmed_s = confirmed_time_s(params, state, estimate.heading_rad - away, elsewhere, c, dt_s)
     if field.reference.is_new:  # the heading was that of a field that is not believed any more
         confirmed_s = min(confirmed_s, SPAN_S)
-    back = is_back(params, state, estimate, field, horizontal)
+    back = likely(c) > 0.0 and is_back(params, state, estimate.heading_rad, horizontal)
     b = dt_s / (USUAL_S + dt_s) if estimate.covariance[9] < SETTLED_HEADING_RAD**2 else 0.0
     return state._replace(
         mean_north=n,
@@ -109,22 +109,18 @@ def watch_heading(
 
 @inlined
 def is_back(
-    params: ConditioningParams,
-    state: HeadingSigns,
-    estimate: Estimate,
-    field: MagneticState,
-    horizontal: Vec2,
+    params: ConditioningParams, state: HeadingSigns, heading_rad: float, horizontal: Vec2
 ) -> bool:
-    """Whether the field, which looks as usual, points to the heading that was given up lately.
+    """Whether a field that looks as usual points to the heading that was given up lately.
 
     That a magnet has gone is far likelier than two unsensed turns that end where they began: it
     needs no more than that noise is none.
     """
     away = direction(horizontal[0], horizontal[1])
-    apart = estimate.heading_rad - away - state.other_rad
+    apart = heading_rad - away - state.other_rad
     near = 1.0 - cos(apart) < STILL_OFF**2 * (1.0 - cos(away))
     far = cos(away) < cos(params.turn_heading_rad)
-    return state.other_s > 0.0 and near and far and likely(field.look.confidence) > 0.0
+    return state.other_s > 0.0 and near and far
 
 
 @inlined
@@ -202,8 +198,7 @@ def watch_gravity(
     than is usual, for longer than a quick motion lasts, shows a smaller turn. An acceleration
     across makes it 1/cos(off) as large, a turn leaves its size: the likelier counts.
     """
-    f = gravity.force.down.value
-    quick = gravity.force.quick
+    f, quick = gravity.force.down.value, gravity.force.quick
     # Falling, or in the middle of a turn, the force has no direction to compare.
     falls = square(quick) <= (1.0 - MOST_DEVIATION) ** 2 * square(f)
     off = 0.0 if falls else angle_between_vectors(quick, f)

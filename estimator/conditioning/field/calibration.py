@@ -100,22 +100,6 @@ def walk(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance:
 
 
 @inlined
-def means_after(
-    means: CalibrationMeans, ratio: float, field: Vec3, turning: Vec3, axes: FrameAxes, a: float
-) -> CalibrationMeans:
-    """The means with the share ``a`` of new values; ``ratio`` brings the old to the new unit."""
-    return CalibrationMeans(
-        field=approach(scale(ratio, means.field), field, a),
-        turning=approach(scale(ratio, means.turning), turning, a),
-        axes=FrameAxes(
-            north=approach(means.axes.north, axes.north, a),
-            east=approach(means.axes.east, axes.east, a),
-            down=approach(means.axes.down, axes.down, a),
-        ),
-    )
-
-
-@inlined
 def learn_calibration(
     params: ConditioningParams,
     state: CalibrationState,
@@ -147,14 +131,23 @@ def learn_calibration(
     if state.age_s <= 0.0:
         return CalibrationState(before, CalibrationMeans(y, x, axes), dt_s, state.scatter)
     age_s = min(state.age_s + dt_s, ACCELERATION_LASTS_S)
-    means = means_after(state.means, ratio, y, x, axes, min(1.0, dt_s / age_s))
+    a, means, mean = min(1.0, dt_s / age_s), state.means, state.means.axes
+    mean = FrameAxes(
+        north=approach(mean.north, axes.north, a),
+        east=approach(mean.east, axes.east, a),
+        down=approach(mean.down, axes.down, a),
+    )
+    means = CalibrationMeans(
+        field=approach(scale(ratio, means.field), y, a),
+        turning=approach(scale(ratio, means.turning), x, a),
+        axes=mean,
+    )
     taken_off, _ = own_field(before)
     offset, lag_s, p = before.offset, before.lag_s, walk(params, before.covariance, dt_s)
     dy = subtract(y, means.field)
     scatter = state.scatter
     if dot(dy, dy) < MOST_DEVIATION**2:
         dx = subtract(x, means.turning)
-        mean = means.axes
         north, east = subtract(axes.north, mean.north), subtract(axes.east, mean.east)
         down = subtract(axes.down, mean.down)
         r, turned = (north, east, down), dot(north, north) + dot(east, east) + dot(down, down)

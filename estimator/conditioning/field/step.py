@@ -13,7 +13,6 @@ from estimator.conditioning.field.magnetic import (
     reference_norm,
     steepness,
 )
-from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import MEMORY_S, SPAN_S, ConditioningParams
 from estimator.conditioning.robust import residual_factor
 from estimator.conditioning.vertical.bias import MOST_BIAS_RAD_S, Estimate, clip_each, update
@@ -111,22 +110,21 @@ class FieldStep(NamedTuple):
 
     state: MagnetometerState
     estimate: Estimate  # of bias and heading, after the field
-    seen: bool  # whether there was a field
     horizontal: Vec2  # its north and east part before that, in its own unit; (1, 0) without one
     since_s: float  # since the field before
 
 
 @inlined
 def learn_field(
-    params: ConditioningParams, before: MagnetometerState, mean: Gathered, vertical: VerticalStep
+    params: ConditioningParams, before: MagnetometerState, vertical: VerticalStep
 ) -> FieldStep:
     """Calibration, confidence and heading by one step's mean field, if there is one."""
     horizontal = (1.0, 0.0)
-    now, estimate = vertical.state, vertical.state.estimate
+    now, mean, estimate = vertical.state, vertical.mean, vertical.state.estimate
     since_s = before.magnetic.wait_s + mean.time_s
     if mean.field_s <= 0.0:
         waiting = before._replace(magnetic=before.magnetic._replace(wait_s=since_s))
-        return FieldStep(waiting, estimate, False, horizontal, since_s)
+        return FieldStep(waiting, estimate, horizontal, since_s)
     gravity, calibration = now.gravity, before.calibration
     field_6d = rotate(heading_frame(gravity, now.averaging.share), mean.field_g)
     settled = max(LEAST_SETTLED, min(1.0, gravity.force.age_s / params.gravity_tau_s) ** 2)
@@ -144,4 +142,4 @@ def learn_field(
         estimate = learn_heading(
             params, estimate, magnetic, horizontal, settled, since_s, tilt_variance
         )
-    return FieldStep(MagnetometerState(calibration, magnetic), estimate, True, horizontal, since_s)
+    return FieldStep(MagnetometerState(calibration, magnetic), estimate, horizontal, since_s)

@@ -191,4 +191,4 @@ def averaging_at_rest(params: ConditioningParams, state: Averaging, dt_s: float)
     """Nothing accelerates at rest: the profile's time is enough, and new force removes errors."""
     factor = min(state.factor, 1.0)
     share = min(1.0, dt_s / (factor * params.gravity_tau_s))
-    return state._replace(factor=factor, variance=(1.0 - share) * state.variance, share=state.share)
+    return state._replace(factor=factor, variance=(1.0 - share) * state.variance)

@@ -67,12 +67,6 @@ def slow_variance(state: SlowAcceleration) -> float:
 
 
 @inlined
-def least_variance(state: SlowAcceleration) -> float:
-    """The least variance (rad^2) of the vertical: t^2 = 2 (1 - cos t) of what shows it is wrong."""
-    return max(0.0, 2.0 * (1.0 - state.along - SCALE_ERROR))
-
-
-@inlined
 def watch_slow(
     state: SlowAcceleration,
     u: Vec3,

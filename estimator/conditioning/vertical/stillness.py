@@ -9,10 +9,20 @@ from math import sqrt
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import LATELY_S, QUICK_S, ConditioningParams
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.vertical.lowpass import LowPass, Smooth, approach, smooth
-from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
+from estimator.geometry.quaternion import (
+    add,
+    cross,
+    dot,
+    rotate_inverse,
+    scale,
+    square,
+    subtract,
+    unit,
+)
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec2, Vec3
 
 
@@ -94,22 +104,17 @@ NOT_STEADY = Stillness()
 
 @inlined
 def watch_stillness(
-    params: ConditioningParams,
-    before: Stillness,
-    rest: RestState,
-    rate: Vec3,
-    field: Vec3,
-    has_field: bool,
-    dt_s: float,
+    params: ConditioningParams, before: Stillness, rest: RestState, rate: Vec3, mean: Gathered
 ) -> Stillness:
-    """The state after a step with a low-passed ``rate`` (less the bias) and a ``field``, in FRD.
+    """The state after a step with a low-passed ``rate`` (less the bias, FRD) and a mean field.
 
     The field is low-passed as both other sensors are. In a banked turn the force stands still in
     the body, and the field does not.
     """
+    dt_s, down = mean.time_s, unit(rest.acc.value)
     smooth, mean_field, wait_s = before.field, before.mean_field, before.wait_s + dt_s
-    down = unit(rest.acc.value)
-    if has_field:
+    if mean.field_s > 0.0:
+        field = rotate_inverse(mean.q_g_frd, mean.field_g)
         smooth = approach(smooth, field, wait_s / (QUICK_S + wait_s))
         mean_field = mean_after(mean_field, unit(smooth), rate, wait_s)
         wait_s = 0.0
