@@ -72,11 +72,10 @@ def apply_turn(
         for axis in (lagged.north, lagged.east)
     )
     lagged = lagged._replace(north=north, east=east)
-    axes = FrameAxes(*[rotate_inverse(turn_frd, axis) for axis in calibration.means.axes])
-    calibration = calibration._replace(means=calibration.means._replace(axes=axes))
+    axes = FrameAxes(*[rotate_inverse(turn_frd, axis) for axis in calibration.axes])
     state = state._replace(
         vertical=state.vertical._replace(lagged=lagged),
-        field=state.field._replace(calibration=calibration),
+        field=state.field._replace(calibration=calibration._replace(axes=axes)),
     )
     q = normalize(multiply(gathered.q_g_frd, turn_frd))
     return state, gathered._replace(q_g_frd=q)

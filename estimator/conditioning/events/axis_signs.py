@@ -1,12 +1,11 @@
 """A gyroscope's axis that is at fault: the field turns in G as that axis' error would turn it.
 
-In G, which the gyroscope carries along, the field of the place stands still. An axis that is
-stuck, stepped, scaled or saturated turns it about that axis, and gravity with it, for as long as
-the fault lasts. The turn of a second is compared with all that turns a field in G beside that:
-noise, turns missed between samples, a magnet, which changes the norm, too, and the share of its
-turns by which a vehicle takes the field along: one that is late, has iron or stands turned in it.
-That share is learnt. A field that leaps, faster than a vehicle turns, has to show it anew. How much
-better or worse the force fits is the rest of the evidence.
+An axis that is stuck, stepped, scaled or saturated turns the field of the place in G about that
+axis, and gravity with it, for as long as the fault lasts. The turn of a second is compared with all
+that turns a field in G beside that: noise, turns missed between samples, a magnet, which changes
+the norm, too, and the share of its turns by which a vehicle takes the field along: one that is
+late, has iron or stands turned in it. That share is learnt. A field that leaps, faster than a
+vehicle turns, has to show it anew. How well the force fits is the rest of the evidence.
 """
 
 from math import exp, pi

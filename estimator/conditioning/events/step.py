@@ -81,10 +81,7 @@ States = tuple[VerticalState, MagnetometerState, EventsState]
 def inflate_variance(
     inflation: HeadingInflation, signs: EventsState, variance: float, steepness: float
 ) -> HeadingInflation:
-    """The inflation after a jump of the field, by a turn whose angle has the ``variance`` (rad^2).
-
-    A steep field makes more of it: ``steepness`` is the squared tangent of the dip.
-    """
+    """The inflation after a jump of the field, by a turn of that ``variance`` (rad^2)."""
     raised = min(inflation.variance + variance * (1.0 + steepness), HALF_TURN_VARIANCE)
     if inflation.variance > 0.0:
         return inflation._replace(variance=raised, usual_s=0.0)
@@ -117,10 +114,10 @@ def release_inflation(
 ) -> tuple[HeadingInflation, float, Estimate, bool]:
     """Add the inflation to the heading once the field has looked as usual for a while.
 
-    A magnet that has turned the field shows in norm or dip, now or soon, and must not draw the
-    heading: the field has to stand still again, and what its jump has added to both inflations is
-    dropped if its norm is another, or if it came to point elsewhere slowly. That of the vertical is
-    ``tilt`` (rad^2). While that is large the field's dip shows nothing, so that the norm decides.
+    A magnet that has turned the field must not draw the heading: the field has to stand still
+    again, and what its jump has added to both inflations is dropped if its norm is another, or if
+    it came to point elsewhere slowly. While the vertical's, ``tilt`` (rad^2), is large the dip
+    shows nothing, so that the norm decides.
 
     Returns both inflations, the estimate and whether the heading was given up.
     """
@@ -132,14 +129,15 @@ def release_inflation(
     usual_s = max(0.0, inflation.usual_s + clip(2.0 * (1.0 - off), 1.0) * min(dt_s, LONGEST_STEP_S))
     most = SCALE_ERROR + sqrt(field.reference.uneven)
     left, norm = inflation.variance, inflation.norm_before
+    inflation = inflation._replace(usual_s=usual_s)
     if left > 0.0 and abs(jump.quick_norm - norm) > most * norm:
-        return inflation._replace(variance=0.0, usual_s=usual_s), inflation.no_jump, estimate, False
+        return inflation._replace(variance=0.0), inflation.no_jump, estimate, False
     if usual_s <= SPAN_S:
-        return inflation._replace(variance=left, usual_s=usual_s), tilt, estimate, False
+        return inflation, tilt, estimate, False
     if not is_sudden(jump.usual / JUMP_SHARE**2, left, steepness(field.reference), horizontal):
         left, tilt = 0.0, inflation.no_jump if left > 0.0 else tilt
-    inflation = inflation._replace(variance=0.0, usual_s=usual_s)
-    return inflation, tilt, inflate_heading(estimate, left), left > 0.0
+    released = inflate_heading(estimate, left)
+    return inflation._replace(variance=0.0), tilt, released, left > 0.0
 
 
 @inlined
@@ -195,9 +193,8 @@ def shown_together(
     In G both stand still unless the gyroscope has missed a turn, by which the field jumps and the
     force leaves ``quick``, its mean of a second, while the angle between the two stays. Less counts
     than such a mean is usually off, than an acceleration that changes the force's size may have
-    turned it, and than the vehicle has turned by itself in that second: a thrust turns along with
-    it in G, as a frozen field does. None counts within a second after field and force have
-    contradicted an axis of the gyroscope, which makes such jumps, too.
+    turned it, and than the vehicle has turned by itself in that second. None counts within a second
+    after field and force have contradicted an axis of the gyroscope, which makes such jumps, too.
     """
     if proof.jump <= 0.0 or before.axes.since_s < SPAN_S:
         return 0.0
@@ -213,12 +210,8 @@ def follow_signs(
     params: ConditioningParams, before: EventsState, vertical: VerticalStep, field: FieldStep
 ) -> EventsState:
     """Each sign followed by one step's mean readings."""
-    now, mean, magnetic, since_s = (
-        vertical.state,
-        vertical.mean,
-        field.state.magnetic,
-        field.since_s,
-    )
+    now, mean = vertical.state, vertical.mean
+    magnetic, since_s = field.state.magnetic, field.since_s
     heading, jump = before.heading, before.jump
     axes = carry_axes(before.axes, vertical, mean.time_s)
     if mean.field_s > 0.0:

@@ -111,8 +111,7 @@ def observe_field(
 
     The reference follows with the weight c dt/tau, during the first tau as a running mean, so that
     a magnet that passes later teaches it nothing. Samples count little in that mean while the
-    vertical is new: ``settled`` is 1 once it is known. Soon after, the mean catches up as if there
-    had been no such time, so that a magnet in the first tau teaches it no more.
+    vertical is new: ``settled`` is 1 once it is known. Soon after, the mean catches up.
     """
     before = state.reference
     age = before.age_s + dt_s

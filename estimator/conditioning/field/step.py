@@ -15,7 +15,7 @@ from estimator.conditioning.field.magnetic import (
 )
 from estimator.conditioning.params import MEMORY_S, SPAN_S, ConditioningParams
 from estimator.conditioning.robust import residual_factor
-from estimator.conditioning.vertical.bias import MOST_BIAS_RAD_S, Estimate, clip_each, update
+from estimator.conditioning.vertical.bias import Estimate, clip_each, update
 from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.step import VerticalStep
 from estimator.conditioning.vertical.tilt import slowness, weighing
@@ -40,19 +40,6 @@ def north_east(heading: float, field_6d: Vec3) -> Vec2:
     c = cos(heading)
     s = sin(heading)
     return (c * field_6d[0] - s * field_6d[1], s * field_6d[0] + c * field_6d[1])
-
-
-@inlined
-def residual(field: MagneticState, horizontal: Vec2) -> float:
-    """How far the field points east of north: linear in its east part, an angle when large.
-
-    A disturbance adds to the field: its effect on east/reference averages out, that on the angle
-    does not. The dip does not leak in, as it does into the cross product of whole fields.
-    """
-    north, east = horizontal
-    if north < 0.5 * abs(east):
-        return atan2(east, north)
-    return east / field.reference.horizontal
 
 
 @inlined
@@ -87,11 +74,14 @@ def learn_heading(
     """
     noise = heading_noise(params, field, settled) / dt_s
     noise += tilt_variance * steepness(field.reference)
-    off = residual(field, horizontal)
+    north, east = horizontal
+    # a disturbance adds to the field, so that its effect on the east part averages out, and that
+    # on the angle does not
+    off = atan2(east, north) if north < 0.5 * abs(east) else east / field.reference.horizontal
     b, d, p = estimate
     noise *= residual_factor(off, p[9])
     b, d, p = update(b, d, p, ZERO_VEC3, 1.0, -off, noise)
-    return Estimate(clip_each(b, MOST_BIAS_RAD_S, estimate.bias_rad_s), wrap_angle(d), p)
+    return Estimate(clip_each(b, estimate.bias_rad_s), wrap_angle(d), p)
 
 
 # Weight of a field turned by a vertical that has just begun.

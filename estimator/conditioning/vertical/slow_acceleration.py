@@ -3,15 +3,13 @@
 A vehicle that turns, climbs or brakes for seconds draws the force of a second away from its own
 long mean in G. G drifts as well if the gyroscope misses turns, by as much as the steps' noise; the
 rest is an acceleration. The size of the force, the root of g^2 + a^2 for a horizontal acceleration
-a, limits it from above and, if G drifts too much, from below. Shaking changes that size from one
-reading to the next. No vehicle accelerates up or down for long, so along the vertical the mean
-force is gravity: if it is less, the vertical is wrong by an angle of that cosine.
+a, limits it. No vehicle accelerates up or down for long, so along the vertical the mean force is
+gravity: if it is less, the vertical is wrong by an angle of that cosine.
 
-The vehicle's mean tilt helps if the gyroscope has shown nothing of a step. A vehicle that is
-shaken faster than it is sampled turns by any angle between two samples and stays about where it
-was. Then the mean force, seen from the body, shows its tilt better than the latest one. Tilting and
-shaking both scatter the force's direction; shaking also scatters its size, along gravity as much as
-about either axis across it.
+A vehicle that is shaken faster than it is sampled turns by any angle between two samples and stays
+about where it was. Then the mean force, seen from the body, shows its tilt better than the latest
+one. Tilting and shaking both scatter the force's direction; shaking also scatters its size, along
+gravity as much as about either axis across it.
 """
 
 from typing import NamedTuple
@@ -82,8 +80,7 @@ def watch_slow(
     ``down_g`` is the vertical before it. The long mean moves by ``long_share`` a step, so it lags
     behind a turn of the variance ``aliasing`` (rad^2) in each step by L <- (1 - share)^2 (L +
     missed). Until the vehicle has been watched for ``USUAL_S`` that mean may itself lie off as far
-    as the size of the force allows. Of this the share ``carried`` counts, less for a slow stream,
-    whose first readings show little of what lasts.
+    as the size of the force allows, of which the share ``carried`` counts.
     """
     long = approach(state.long, u, long_share)
     lag = (1.0 - long_share) ** 2 * (state.lag + aliasing)

@@ -40,9 +40,7 @@ from estimator.conditioning.vertical.stillness import (
 )
 from estimator.conditioning.vertical.tilt import (
     LEAST_OFF_RAD,
-    UNKNOWN,
     TiltState,
-    fast_in_vehicle,
     force_after_turn,
     slowness,
     step_noise,
@@ -94,11 +92,10 @@ def begin_vertical(
     state: VerticalState, q_g_frd: Quaternion, gyr: Vec3, acc: Vec3
 ) -> VerticalState:
     """The state at the first sample (FRD). Its force shows next to nothing of the vertical."""
-    gyr_smooth, acc_smooth = Smooth(gyr, ZERO_VEC3), Smooth(acc, ZERO_VEC3)
-    rest = RestState(gyr_smooth, acc_smooth, 0.0, 0.0, 0.0, False, False)
     size = norm(rotate(q_g_frd, acc))
     return state._replace(
-        rest=rest, tilt=UNKNOWN._replace(scatter=16.0 * LEAST_OFF_RAD**2, gyr=gyr, force=size)
+        rest=state.rest._replace(gyr=Smooth(gyr, ZERO_VEC3), acc=Smooth(acc, ZERO_VEC3)),
+        tilt=state.tilt._replace(scatter=16.0 * LEAST_OFF_RAD**2, gyr=gyr, force=size),
     )
 
 
@@ -114,8 +111,7 @@ def learn_vertical(
 
     ``force_scatter`` (rad^2) is how far the force of a second usually is off the vertical.
     """
-    dt = mean.time_s
-    k = before.coefficients
+    dt, k = mean.time_s, before.coefficients
     interval_s = k.dt_s
     if dt != interval_s or before.averaging.factor != k.factor:
         k = coefficients(params, dt, before.averaging.factor)
@@ -129,12 +125,10 @@ def learn_vertical(
     tilt = before.tilt._replace(drift=before.tilt.drift + unknown * dt)
     tilt, yaw_noise = step_noise(params, tilt, mean, rate, down, interval_s, between)
     aliasing, clipped = tilt.aliasing, aliased_turn(mean.clipping, down)
-    before, most = hold_by_mean_tilt(params, before._replace(tilt=tilt), mean)
-    tilt, inflation, share, follows = weigh_force(
-        params, before, mean, clipped[0], force_scatter, most
-    )
+    now, most = hold_by_mean_tilt(params, before._replace(tilt=tilt), mean)
+    now, share, follows = weigh_force(params, now, mean, clipped[0], force_scatter, most)
     slow, weighed = slowness(params, dt), weighing(params, dt)
-    gravity = observe_gravity(params, k, before.gravity, mean.gravity_g, share, follows)
+    gravity = observe_gravity(params, k, now.gravity, mean.gravity_g, share, follows)
     gravity = age_after_hole(gravity, share, slow, dt, interval_s)
     gravity, step = level(gravity)
     age_s = gravity.force.age_s
@@ -142,12 +136,11 @@ def learn_vertical(
     unseen = slow * yaw_noise + clipped[1]
     estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), unseen)
     lagged = lag(params, k, before.lagged, axes, estimate.bias_rad_s, age_s, share, follows)
-    was_known = before.gravity.force.age_s > params.gravity_tau_s
     if rest.resting and params.use_rest:
         estimate = learn_at_rest(params, k, estimate, axes, rest, still)
-    if params.use_motion_bias and was_known:
+    if params.use_motion_bias and before.gravity.force.age_s > params.gravity_tau_s:
         # of the vertical's own variance: what a step of that share moves by
-        unseen = max(slow * aliasing, weighed * share * tilt.variance) / dt**2
+        unseen = max(slow * aliasing, weighed * share * now.tilt.variance) / dt**2
         estimate = learn_in_motion(params, k, estimate, lagged, step, unseen)
     averaging = before.averaging
     if rest.resting:
@@ -156,13 +149,11 @@ def learn_vertical(
         unknown_bias = (p[0] + p[4] + p[7]) / 3.0
         rate_g = rotate(mean.q_g_frd, rate)
         averaging = follow_averaging(params, averaging, mean.gravity_g, rate_g, unknown_bias, dt)
-    state = before._replace(
+    state = now._replace(
         estimate=estimate,
         averaging=averaging,
         gravity=gravity,
-        tilt=tilt,
-        slow=follow_slow(params, before, gravity, mean.gravity_g),
-        inflation=inflation,
+        slow=follow_slow(params, now, gravity, mean.gravity_g),
         rest=rest,
         still=still,
         lagged=lagged,
@@ -213,16 +204,15 @@ def weigh_force(
     clipped: float,
     force_scatter: float,
     most: float,
-) -> tuple[TiltState, float, float, float]:
+) -> tuple[VerticalState, float, float]:
     """How much the step's mean force counts, against what was known of the vertical.
 
-    Returns the vertical's certainty and inflation (rad^2) after the step, the share by which it
-    moves towards the force, and 1 if that share decides, 0 if the low-pass does.
+    Returns the state with the vertical's certainty, the share by which it moves towards the force,
+    and 1 if that share decides, 0 if the low-pass does.
 
-    ``clipped`` (rad^2) is the variance of a turn beyond the gyroscope's end. After that, or after a
-    turn that no sensor has felt, the force may show more than the low-pass would take. ``most``
-    (rad^2) is the largest variance of the vertical. Such a turn's force counts until the published
-    low-pass is as quick; until then the levelling one follows likewise.
+    ``clipped`` (rad^2) is the variance of a turn beyond the gyroscope's end, ``most`` the largest
+    of the vertical. After such a turn, or one that no sensor has felt, the force counts for more
+    than the low-pass would take, until the published low-pass is as quick.
     """
     dt = mean.time_s
     weighed = weighing(params, dt)
@@ -245,8 +235,8 @@ def weigh_force(
         least_share = dt / (max(1.0, before.coefficients.factor) * params.gravity_tau_s)
         inflation, anew = force_after_turn(inflation, force_scatter, dt, least_share)
         if anew > max(warm_up, weighed * share):
-            return tilt, inflation, anew, 1.0
-    return tilt, inflation, share, weighed
+            share, weighed = anew, 1.0
+    return before._replace(tilt=tilt, inflation=inflation), share, weighed
 
 
 @inlined
@@ -255,11 +245,12 @@ def follow_slow(
 ) -> SlowAcceleration:
     """What shows accelerations that last after a step; a rest shows nothing of them."""
     k = before.coefficients
-    if weighing(params, k.dt_s) == 0.0:
+    weighed = weighing(params, k.dt_s)
+    if weighed == 0.0:
         return before.slow
     if before.rest.resting:
         return before.slow._replace(seen_s=before.slow.seen_s + k.dt_s)
     f, down_g = now.force, before.gravity.force.down.value
     share = long_share(k, f.age_s)
-    carried = fast_in_vehicle(params, k.dt_s)
+    carried = weighed - slowness(params, k.dt_s)
     return watch_slow(before.slow, u, f.quick, down_g, share, before.tilt.aliasing, carried, k.dt_s)

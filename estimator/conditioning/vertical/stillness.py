@@ -46,10 +46,9 @@ def observe_rest(
 
     Quiet: the root mean square of a - a_lp under its threshold, that of g - g_lp under the largest
     usual bias; at rest every rate is, too, after VQF (Laidig and Seel 2023, doi
-    10.1016/j.inffus.2022.10.014). Idling rotors shake single samples further. Comparing with the
-    low-pass before it takes the sample keeps the test's meaning at a few samples a second. A slow
-    steady turn looks the same, and a poor gyroscope at rest looks like a turn:
-    :func:`watch_stillness` separates them.
+    10.1016/j.inffus.2022.10.014). Comparing with the low-pass before it takes the sample keeps the
+    test's meaning at a few samples a second. :func:`watch_stillness` separates a rest from a slow
+    steady turn.
     """
     limit = params.bias_limit_rad_s
     gyr_off = square(subtract(gyr, state.gyr.value)) / (limit * limit)
@@ -219,8 +218,7 @@ def turn_of_down(shown: float, seen: float, rate: float, variance: float) -> Vec
 def turn_of_level(shown: Vec3, seen: Vec3, rate: Vec3) -> tuple[Vec3, float]:
     """The rate about level axes at which the body turns, and its variance about each.
 
-    ``seen`` is the turn (rad) during the time in which the gyroscope, at ``rate`` beyond its bias,
-    showed ``shown``. The prior of the turn is as large as ``rate``.
+    As :func:`turn_of_down` has it; the prior of the turn is as large as ``rate``.
     """
     whole = square(shown) + STILL_RAD**2
     size = square(rate)

@@ -1,10 +1,9 @@
 """How well the vertical is known in G, and how fast it follows the specific force.
 
-Between two samples of a slow stream the gyroscope is aliased: only the change of its rate, and how
-much it has turned, show what the vehicle did. So the vertical has a variance. Each step's unseen
-turning adds to it, and each reading of the specific force takes from it. Their balance is the share
-by which the vertical follows the force: little in a long acceleration, nearly all of it after a
-second without a sample. Its root is the published uncertainty of slow streams.
+Between two samples of a slow stream the gyroscope is aliased. So the vertical has a variance: each
+step's unseen turning adds to it, and each reading of the specific force takes from it. Their
+balance is the share by which the vertical follows the force. Its root is the published uncertainty
+of slow streams.
 """
 
 from typing import NamedTuple
@@ -36,8 +35,8 @@ LEAST_OFF_RAD = 0.009
 class TiltState(NamedTuple):
     """How well the vertical is known in G."""
 
-    variance: float = 0.0  # of its direction, rad^2
-    fresh: float = 0.0  # the same if no acceleration lasted, rad^2
+    variance: float = ANY_DIRECTION_VARIANCE  # of its direction, rad^2
+    fresh: float = ANY_DIRECTION_VARIANCE  # the same if no acceleration lasted, rad^2
     scatter: float = 0.0  # mean square angle of the specific force about it, rad^2
     tilting: float = 0.0  # mean square of what the rate does off its line about horizontal axes
     yawing: float = 0.0  # the same about down, (rad/s)^2
@@ -47,9 +46,6 @@ class TiltState(NamedTuple):
     force: float = 0.0  # mean size of the specific force, m/s^2
     drift: float = 0.0  # covariance of its error and the gyroscope's bias about an axis, rad^2/s
     aliasing: float = 0.0  # variance of the turn about both horizontal axes the last step missed
-
-
-UNKNOWN = TiltState(ANY_DIRECTION_VARIANCE, ANY_DIRECTION_VARIANCE)
 
 
 @inlined
@@ -65,16 +61,9 @@ def weighing(params: ConditioningParams, dt_s: float) -> float:
     """1 if the vertical's own variance weighs the force, 0 if averaging does.
 
     It does so for slow streams and in vehicles: their accelerations outlast any average, and an
-    autopilot's gyroscope bridges them. A hand's accelerations are short and its turns quick, so
-    there the average is better.
+    autopilot's gyroscope bridges them. For a hand's short accelerations the average is better.
     """
     return 1.0 if params.in_vehicle else slowness(params, dt_s)
-
-
-@inlined
-def fast_in_vehicle(params: ConditioningParams, dt_s: float) -> float:
-    """1 for a vehicle's fast stream, 0 for slow streams and for a hand's."""
-    return weighing(params, dt_s) - slowness(params, dt_s)
 
 
 @inlined
@@ -181,9 +170,8 @@ def force_after_turn(
     """The inflation that a reading of the force leaves, and a Kalman filter's share of it.
 
     ``inflation`` (rad^2) is the variance that an unsensed turn has given the vertical,
-    ``force_scatter`` how far the mean of ``SPAN_S`` usually is off. A reading's noise, were it
-    white, is R = force_scatter 2 tau/dt for quick and slow accelerations alike. K = D/(D + R), D <-
-    (1 - K) D. Once the low-pass is as quick, by ``least_share``, both are zero.
+    ``force_scatter`` how far the mean of ``SPAN_S`` usually is off, so that a reading's noise is
+    force_scatter 2 tau/dt. Once the low-pass is as quick, by ``least_share``, both are zero.
     """
     noise = (force_scatter + LEAST_OFF_RAD**2) * 2.0 * SPAN_S / dt_s
     share = inflation / (inflation + noise)

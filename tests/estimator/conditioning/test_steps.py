@@ -160,7 +160,7 @@ def test_a_calibration_stays_while_the_reference_norm_is_learnt():
     state = initial_state(PARAMS).field.calibration
     for norm in 10 * [0.3] + 10 * [0.4] + 10 * [0.46]:
         state = learnt(state, norm)
-    assert state.means.field == pytest.approx((0.2 / 0.46, 0.0, 0.42 / 0.46))
+    assert state.field == pytest.approx((0.2 / 0.46, 0.0, 0.42 / 0.46))
     state = learnt(state._replace(learnt=state.learnt._replace(offset=(0.1, 0.0, 0.0))), 0.23)
     assert state.learnt.scale * state.learnt.offset[0] == pytest.approx(0.046)
 
