@@ -81,16 +81,17 @@ def condition(handle: Any, sample: Sample) -> Conditioned:
     at_end = at_step_end(params, learnt, sample._replace(dt_s=dt), rate, is_first)
     handle.gathered = gather(handle.gathered, axes_g, at_end)
     if is_first:
-        before = handle.conditioning.vertical
-        begun = begin_vertical(before, handle.gathered.q_g_frd, at_end.gyr_rad_s, at_end.acc_m_s2)
+        begun = begin_vertical(handle.conditioning.vertical, handle.gathered.q_g_frd, at_end)
         handle.conditioning = handle.conditioning._replace(vertical=begun)
     if is_first or handle.gathered.time_s >= STEP_S:
-        vertical = handle.conditioning.vertical
+        before = handle.conditioning.vertical
         handle.conditioning = learn(params, handle.conditioning, handle.gathered, sample.between)
         handle.gathered = start_again(handle.gathered)
         slow = 0.0 if is_first else slowness(params, dt)
         if slow > 0.0:
-            missed = rotated(handle.gathered.q_g_frd, vertical, handle.conditioning.vertical)
+            # the rotation vector in the body by which the learning step has turned the vehicle
+            turned = multiply(conjugate(ned_of_g(before)), ned_of_g(handle.conditioning.vertical))
+            missed = rotate_inverse(handle.gathered.q_g_frd, log(turned))
             rate = corrected_rate(rate, missed, slow, dt)
             turn = exp(scale(dt, rate))
     bias_rad_s = handle.conditioning.vertical.estimate.bias_rad_s
@@ -130,12 +131,6 @@ def learn(
     north_g = rotate_inverse(q, (cos(heading_rad), -sin(heading_rad), 0.0))
     certainty = certainty_of(params, (vertical, field, events))
     return ConditioningState(vertical, field, events, True, down_of(q), north_g, certainty)
-
-
-@inlined
-def rotated(q_g_frd: Quaternion, before: VerticalState, now: VerticalState) -> Vec3:
-    """By how much a learning step has turned the vehicle: a rotation vector in the body, rad."""
-    return rotate_inverse(q_g_frd, log(multiply(conjugate(ned_of_g(before)), ned_of_g(now))))
 
 
 @inlined

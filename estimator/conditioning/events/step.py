@@ -144,8 +144,7 @@ def release_inflation(
 def with_field_turned(estimate: Estimate, tilt: float, field: MagneticState) -> Estimate:
     """A heading no surer than its field, which a vertical of the variance ``tilt`` (rad^2) turns.
 
-    Such an error lasts, so that means of the field do not lessen it. A field that shows no heading
-    changes nothing.
+    Such an error lasts, so that means of the field do not lessen it.
     """
     if not has_heading(field):
         return estimate

@@ -87,8 +87,7 @@ def watch_heading(
     known = 4.0 * estimate.covariance[9] < HALF_TURN_VARIANCE  # else it follows the field anyway
     away = direction(n, e)
     # how surely that is an angle that honest drift does not reach, 0..1
-    off = 1.0 - 1.0 / robust_factor((away / params.turn_heading_rad) ** 2)
-    elsewhere = off if known else 0.0
+    elsewhere = 1.0 - 1.0 / robust_factor((away / params.turn_heading_rad) ** 2) if known else 0.0
     confirmed_s = confirmed_time_s(params, state, estimate.heading_rad - away, elsewhere, c, dt_s)
     if field.reference.is_new:  # the heading was that of a field that is not believed any more
         confirmed_s = min(confirmed_s, SPAN_S)

@@ -122,13 +122,6 @@ def level_to(q_6d_g: Quaternion, down_g: Vec3) -> tuple[Quaternion, Vec2]:
 
 
 @inlined
-def level(state: GravityState) -> tuple[GravityState, Vec2]:
-    """Frame 6D levelled by the low-passed force, and the step about north and east."""
-    q, step = level_to(state.q_6d_g, state.force.down.value)
-    return state._replace(q_6d_g=q), step
-
-
-@inlined
 def heading_frame(state: GravityState, share: float) -> Quaternion:
     """The rotation from G to 6D for the field: levelled by ``share`` of the published vertical."""
     down = approach(state.force.down.value, state.force.best.value, share)

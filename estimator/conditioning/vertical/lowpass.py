@@ -86,10 +86,9 @@ def coefficients(params: ConditioningParams, dt_s: float, factor: float) -> Coef
     The noises are those that keep a variance where it shall be: with a random walk of variance V
     a step, a measurement of the noise P^2/V + P makes P the steady variance.
     """
-    walk = params.bias_motion_sigma_rad_s**2 * dt_s / LONG_S
-    tau_s = params.gravity_tau_s
-    at_rest = params.bias_rest_sigma_rad_s**2
+    tau_s, at_rest = params.gravity_tau_s, params.bias_rest_sigma_rad_s**2
     moving = params.bias_motion_sigma_rad_s**2
+    walk = moving * dt_s / LONG_S
     return Coefficients(
         dt_s=dt_s,
         factor=factor,

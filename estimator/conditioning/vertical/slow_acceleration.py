@@ -23,6 +23,7 @@ from estimator.geometry.quaternion import (
     angle_between_vectors,
     dot,
     norm,
+    scale,
     square,
 )
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
@@ -121,10 +122,9 @@ class LostSteps(NamedTuple):
 @inlined
 def add_lost_step(known: LostSteps, force: Vec3, lost: float, dt_s: float) -> LostSteps:
     """Add a step's mean ``force`` (FRD); it has ``lost`` a share of the vertical, 0 to 1."""
-    down = (-force[0], -force[1], -force[2])
-    off = 0.0
+    down, off = scale(-1.0, force), 0.0
     if square(known.down) * square(down) > 0.0:
-        off = min(angle_between_vectors(known.down, down) ** 2, MOST_APART_RAD**2)
+        off = apart_rad(known.down, down) ** 2
     size = norm(force) / STANDARD_GRAVITY_M_S2 - 1.0
     shaken = 2.0 * size * size
     proof = lost * off / (off + shaken) if off > 0.0 else 0.0  # thrust changes only its size

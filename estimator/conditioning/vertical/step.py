@@ -18,7 +18,7 @@ from estimator.conditioning.vertical.bias import (
 from estimator.conditioning.vertical.gravity import (
     GravityState,
     age_after_hole,
-    level,
+    level_to,
     long_share,
     observe_gravity,
 )
@@ -58,7 +58,7 @@ from estimator.geometry.quaternion import (
     rotate_inverse,
     subtract,
 )
-from estimator.types import ZERO_VEC3, Between, Quaternion, Vec3
+from estimator.types import ZERO_VEC3, Between, Quaternion, Sample, Vec3
 
 
 class VerticalState(NamedTuple):
@@ -88,10 +88,9 @@ class VerticalStep(NamedTuple):
 
 
 @inlined
-def begin_vertical(
-    state: VerticalState, q_g_frd: Quaternion, gyr: Vec3, acc: Vec3
-) -> VerticalState:
-    """The state at the first sample (FRD). Its force shows next to nothing of the vertical."""
+def begin_vertical(state: VerticalState, q_g_frd: Quaternion, first: Sample) -> VerticalState:
+    """The state at the first sample. Its force shows next to nothing of the vertical."""
+    gyr, acc = first.gyr_rad_s, first.acc_m_s2
     size = norm(rotate(q_g_frd, acc))
     return state._replace(
         rest=state.rest._replace(gyr=Smooth(gyr, ZERO_VEC3), acc=Smooth(acc, ZERO_VEC3)),
@@ -130,7 +129,8 @@ def learn_vertical(
     slow, weighed = slowness(params, dt), weighing(params, dt)
     gravity = observe_gravity(params, k, now.gravity, mean.gravity_g, share, follows)
     gravity = age_after_hole(gravity, share, slow, dt, interval_s)
-    gravity, step = level(gravity)
+    q_6d_g, step = level_to(gravity.q_6d_g, gravity.force.down.value)
+    gravity = gravity._replace(q_6d_g=q_6d_g)
     age_s = gravity.force.age_s
     axes = axes_of(multiply(gravity.q_6d_g, mean.q_g_frd))
     unseen = slow * yaw_noise + clipped[1]

@@ -140,9 +140,7 @@ def update_tilt(
     by expectation, (r/(P + r))^2 v^2 + P r/(P + r). Longer accelerations add ``slow_square``
     (rad^2). The share is at least ``least_share``.
     """
-    p = state.variance
-    size = norm(u)
-    mean = state.force
+    p, mean, size = state.variance, state.force, norm(u)
     unusual = size / mean - 1.0 if mean > 0.0 else 0.0
     r = state.scatter + unusual**2
     brief = r * max(1.0, 2.0 * QUICK_S / dt_s)
