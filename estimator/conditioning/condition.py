@@ -65,29 +65,33 @@ def condition(handle: Any, sample: Sample) -> Conditioned:
     params, is_first = handle.params.conditioning, not handle.conditioning.started
     # Before the first sample there was no interval; what it shows counts as half a step's.
     dt = 0.5 * STEP_S if is_first else max(sample.dt_s, TINY)
-    gyr_before = sample.gyr_rad_s if is_first else handle.gathered.gyr_rad_s
-    rate = integration_rate(gyr_before, sample.gyr_rad_s, dt, params.averaged_samples)
+    gyr, gyr_before = sample.gyr_rad_s, handle.gathered.gyr_rad_s
+    rate = integration_rate(gyr if is_first else gyr_before, gyr, dt, params.averaged_samples)
     if sample.between.given:
         rate = sample.between.turn_rad_s
     rate = subtract(rate, handle.conditioning.vertical.estimate.bias_rad_s)
     turn = exp(scale(dt, rate))
-    handle.gathered = carry(handle.gathered, turn, sample.gyr_rad_s, dt)
+    handle.gathered = handle.gathered._replace(
+        q_g_frd=normalize(multiply(handle.gathered.q_g_frd, turn)),
+        gyr_rad_s=gyr,
+        clipping=watch_clipping(handle.gathered.clipping, gyr_before, gyr, dt),
+    )
     axes_g = axes_of(handle.gathered.q_g_frd)
-    stands_for_step = is_mean(dt, params.averaged_samples) and not is_first
     learnt = handle.conditioning.field.calibration.learnt
-    at_end = at_step_end(params, learnt, sample, rate, dt, stands_for_step)
+    at_end = at_step_end(params, learnt, sample._replace(dt_s=dt), rate, is_first)
     handle.gathered = gather(handle.gathered, axes_g, at_end)
     if is_first:
-        before = handle.conditioning.vertical
-        begun = begin_vertical(before, handle.gathered.q_g_frd, at_end.gyr_rad_s, at_end.acc_m_s2)
+        begun = begin_vertical(handle.conditioning.vertical, handle.gathered.q_g_frd, at_end)
         handle.conditioning = handle.conditioning._replace(vertical=begun)
     if is_first or handle.gathered.time_s >= STEP_S:
-        vertical = handle.conditioning.vertical
+        before = handle.conditioning.vertical
         handle.conditioning = learn(params, handle.conditioning, handle.gathered, sample.between)
         handle.gathered = start_again(handle.gathered)
         slow = 0.0 if is_first else slowness(params, dt)
         if slow > 0.0:
-            missed = rotated(handle.gathered.q_g_frd, vertical, handle.conditioning.vertical)
+            # the rotation vector in the body by which the learning step has turned the vehicle
+            turned = multiply(conjugate(ned_of_g(before)), ned_of_g(handle.conditioning.vertical))
+            missed = rotate_inverse(handle.gathered.q_g_frd, log(turned))
             rate = corrected_rate(rate, missed, slow, dt)
             turn = exp(scale(dt, rate))
     bias_rad_s = handle.conditioning.vertical.estimate.bias_rad_s
@@ -98,31 +102,18 @@ def condition(handle: Any, sample: Sample) -> Conditioned:
 
 
 @inlined
-def carry(gathered: Gathered, turn: Quaternion, gyr: Vec3, dt_s: float) -> Gathered:
-    """The body turned in G, as the gyroscope reads it."""
-    q_g_frd = normalize(multiply(gathered.q_g_frd, turn))
-    clipping = watch_clipping(gathered.clipping, gathered.gyr_rad_s, gyr, dt_s)
-    return gathered._replace(q_g_frd=q_g_frd, gyr_rad_s=gyr, clipping=clipping)
-
-
-@inlined
 def at_step_end(
-    params: ConditioningParams,
-    learnt: Calibration,
-    sample: Sample,
-    rate: Vec3,
-    dt_s: float,
-    stands_for_step: bool,
+    params: ConditioningParams, learnt: Calibration, sample: Sample, rate: Vec3, is_first: bool
 ) -> Sample:
     """The sample as read at the end of its step, by a compass that has been calibrated."""
-    gyr, acc, mag = sample.gyr_rad_s, sample.acc_m_s2, sample.mag
-    if stands_for_step:
+    gyr, acc, mag, dt_s = sample.gyr_rad_s, sample.acc_m_s2, sample.mag, sample.dt_s
+    if is_mean(dt_s, params.averaged_samples) and not is_first:
         acc = at_interval_end(acc, gyr, dt_s)
         if params.averaged_samples:
             mag = at_interval_end(mag, gyr, dt_s)
     if sample.has_mag:
         mag = correct_field(mag, rate, learnt)
-    return sample._replace(gyr_rad_s=gyr, acc_m_s2=acc, mag=mag, dt_s=dt_s)
+    return sample._replace(acc_m_s2=acc, mag=mag)
 
 
 @inlined
@@ -133,18 +124,13 @@ def learn(
     mean = means(gathered)
     force_scatter = state.events.gravity.force_scatter
     levelled = learn_vertical(params, state.vertical, mean, between, force_scatter)
-    seen = learn_field(params, state.field, mean, levelled)
-    now = learn_events(params, state.events, mean, levelled, seen)
-    q = level_to(now.vertical.gravity.q_6d_g, now.vertical.gravity.force.best.value)[0]
-    heading_rad = now.vertical.estimate.heading_rad
+    seen = learn_field(params, state.field, levelled)
+    vertical, field, events = learn_events(params, state.events, levelled, seen)
+    q = level_to(vertical.gravity.q_6d_g, vertical.gravity.force.best.value)[0]
+    heading_rad = vertical.estimate.heading_rad
     north_g = rotate_inverse(q, (cos(heading_rad), -sin(heading_rad), 0.0))
-    return ConditioningState(*now[:], True, down_of(q), north_g, certainty_of(params, now))
-
-
-@inlined
-def rotated(q_g_frd: Quaternion, before: VerticalState, now: VerticalState) -> Vec3:
-    """By how much a learning step has turned the vehicle: a rotation vector in the body, rad."""
-    return rotate_inverse(q_g_frd, log(multiply(conjugate(ned_of_g(before)), ned_of_g(now))))
+    certainty = certainty_of(params, (vertical, field, events))
+    return ConditioningState(vertical, field, events, True, down_of(q), north_g, certainty)
 
 
 @inlined

@@ -33,19 +33,16 @@ NOTHING = Gathered()  # before the first sample
 def gather(sums: Gathered, axes_g: FrameAxes, sample: Sample) -> Gathered:
     """Add one sample. Its vectors are turned to G, so that a mean is not blurred by turning."""
     gyr, acc, dt_s = sample.gyr_rad_s, sample.acc_m_s2, sample.dt_s
-    field_g = sums.field_g
-    field_s = sums.field_s
-    if sample.has_mag:
-        field_g = add(field_g, scale(dt_s, to_frame(axes_g, sample.mag)))
-        field_s += dt_s
-    return sums._replace(
+    sums = sums._replace(
         time_s=sums.time_s + dt_s,
         gyr=add(sums.gyr, scale(dt_s, gyr)),
         acc=add(sums.acc, scale(dt_s, acc)),
         gravity_g=add(sums.gravity_g, scale(-dt_s, to_frame(axes_g, acc))),
-        field_g=field_g,
-        field_s=field_s,
     )
+    if not sample.has_mag:
+        return sums
+    field_g = add(sums.field_g, scale(dt_s, to_frame(axes_g, sample.mag)))
+    return sums._replace(field_g=field_g, field_s=sums.field_s + dt_s)
 
 
 @inlined

@@ -44,11 +44,7 @@ FORGET_S = 600.0
 
 
 class ConditioningParams(NamedTuple):
-    """What is chosen; every step has its own switch.
-
-    Each line gives the meaning, and the effect of a small and of a large value. Units are in the
-    names.
-    """
+    """What is chosen: the meaning of each value, and the effect of a small and of a large one."""
 
     # Switches for the steps.
     use_gravity_filter: bool = True  # low-pass the specific force in G; off: use each mean

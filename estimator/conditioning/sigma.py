@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.jump_signs import turn_of
-from estimator.conditioning.events.step import EventsState, EventsStep
+from estimator.conditioning.events.step import EventsState, States
 from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
 from estimator.conditioning.field.step import north_east, wrap_angle
@@ -15,7 +15,7 @@ from estimator.conditioning.vertical.gravity import heading_frame, lag_square
 from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.step import VerticalState
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
-from estimator.conditioning.vertical.tilt import fast_in_vehicle, slowness, weighing
+from estimator.conditioning.vertical.tilt import slowness, weighing
 from estimator.geometry.quaternion import rotate
 
 # Variance by a measured mean square: of the inclination by that of the force's relative size, of
@@ -43,9 +43,9 @@ class Certainty(NamedTuple):
 
 
 @inlined
-def certainty_of(params: ConditioningParams, now: EventsStep) -> Certainty:
+def certainty_of(params: ConditioningParams, now: States) -> Certainty:
     """The certainty after a learning step; until the next one nothing changes it."""
-    vertical, magnetic, events = now.vertical, now.field.magnetic, now.events
+    vertical, (_, magnetic), events = now
     known = has_heading(magnetic)
     return Certainty(
         has_heading=known,
@@ -66,23 +66,20 @@ def sigma_inclination(
     It adds the sensor's own error, how far the low-passed force differs in size from gravity (an
     error along the vertical is as large across it), and the larger of two measures of slow
     accelerations and drift: the variance that chose the averaging time, and how far the vertical
-    lies off its own longer mean. A force that is off by more than is usual counts, too. Slow
-    streams count the variance ``reckoned`` (rad^2) by the vertical itself instead. Vehicles come to
-    rest again, so their accelerations cancel sooner than white noise, which that takes them for: a
-    share of it counts, and how far the force of the last ``USUAL_S``, and of the last second, is
-    off the vertical.
+    lies off its own longer mean. Slow streams count the variance ``reckoned`` (rad^2) by the
+    vertical itself instead. Vehicles come to rest again, so their accelerations cancel sooner than
+    white noise: a share of it counts, and how far the force of the last ``USUAL_S``, and of the
+    last second, is off the vertical.
     """
-    signs = events.gravity
-    dt_s = vertical.coefficients.dt_s
+    signs, dt_s = events.gravity, vertical.coefficients.dt_s
     slow, weighed = slowness(params, dt_s), weighing(params, dt_s)
-    fast = fast_in_vehicle(params, dt_s)
     measured = max(signs.apart, LOW_PASS_SHARE * vertical.averaging.variance)
     measured += MEASURED_SQUARE * signs.uneven + signs.unusual
     known = LEAST_DIRECTION_RAD**2 + vertical.inflation
     force = vertical.gravity.force
     carried = lag_square(force) + carried_share(vertical) * reckoned
     carried += UNMEASURED_SHARE * turn_of(force.quick, force.best.value) ** 2
-    return sqrt(known + (1.0 - weighed) * measured + slow * reckoned + fast * carried)
+    return sqrt(known + (1.0 - weighed) * measured + slow * reckoned + (weighed - slow) * carried)
 
 
 @inlined
@@ -116,16 +113,15 @@ def alternative(vertical: VerticalState, magnetic: MagneticState, events: Events
 
 
 @inlined
-def sigma_heading(params: ConditioningParams, now: EventsStep) -> float:
+def sigma_heading(params: ConditioningParams, now: States) -> float:
     """Angle (rad) that 68 % of the heading errors lie under.
 
     The variance P takes the field's error for white. In the long run P is little beside errors that
-    last: an own field not learnt yet, steel, a gradient, a tilted vertical. They are measured, by
-    the scatter of the field's mean of ``SPAN_S``, by how far norm and dip are off, and by the size
-    of gravity, whose error bends a steep field. So P counts as P^2/(P + P_1), except for slow
-    streams, whose P is what they miss, and without a field.
+    last: an own field not learnt yet, steel, a tilted vertical. The scatter of the field's mean of
+    ``SPAN_S``, norm and dip, and the size of gravity measure them. So P counts as P^2/(P + P_1),
+    except for slow streams, whose P is what they miss, and without a field.
     """
-    vertical, magnetic, events = now.vertical, now.field.magnetic, now.events
+    vertical, (calibration, magnetic), events = now
     p = vertical.estimate.covariance[9]
     steep = steepness(magnetic.reference)
     constant = MEASURED_SQUARE * events.heading.scatter + alternative(vertical, magnetic, events)
@@ -134,12 +130,12 @@ def sigma_heading(params: ConditioningParams, now: EventsStep) -> float:
     tilt_variance = (
         lag_square(vertical.gravity.force)
         + vertical.inflation
-        + fast_in_vehicle(params, dt_s) * carried_share(vertical) * vertical.tilt.variance
+        + (weighing(params, dt_s) - slow) * carried_share(vertical) * vertical.tilt.variance
     )
     by_tilt = 0.5 * steep * (events.gravity.uneven + tilt_variance)
     constant += LEAST_DIRECTION_RAD**2 + by_tilt + events.inflation.variance
     uneven = max(0.0, magnetic.reference.uneven - SCALE_ERROR**2)
-    _, own_left = own_field(now.field.calibration.learnt)
+    _, own_left = own_field(calibration.learnt)
     constant += (1.0 + steep) * (MEASURED_SQUARE * uneven + 0.5 * own_left)
     counts = max(slow, min(1.0, magnetic.wait_s / SPAN_S))
     own = p * (counts + (1.0 - counts) * p / (p + SETTLED_HEADING_RAD**2))

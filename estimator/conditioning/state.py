@@ -10,7 +10,6 @@ from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.sigma import Certainty
 from estimator.conditioning.vertical.bias import UNKNOWN_HEADING_VARIANCE, first_estimate
-from estimator.conditioning.vertical.lowpass import Smooth
 from estimator.conditioning.vertical.step import VerticalState
 from estimator.conditioning.vertical.stillness import Stillness
 from estimator.geometry.axes import FrameAxes
@@ -67,20 +66,16 @@ def apply_turn(
     state: ConditioningState, gathered: Gathered, turn_frd: Quaternion
 ) -> tuple[ConditioningState, Gathered]:
     """Every attitude turned by one body rotation, as by a turn that the gyroscope missed."""
-    vertical, calibration = state.vertical, state.field.calibration
-    q = normalize(multiply(gathered.q_g_frd, turn_frd))
-    lagged, means = vertical.lagged, calibration.means
-    means = means._replace(axes=FrameAxes(*[rotate_inverse(turn_frd, axis) for axis in means.axes]))
-    state = state._replace(
-        vertical=vertical._replace(
-            lagged=lagged._replace(
-                north=_turned(lagged.north, turn_frd), east=_turned(lagged.east, turn_frd)
-            ),
-        ),
-        field=state.field._replace(calibration=calibration._replace(means=means)),
+    lagged, calibration = state.vertical.lagged, state.field.calibration
+    north, east = (
+        axis._replace(value=rotate_inverse(turn_frd, axis.value))
+        for axis in (lagged.north, lagged.east)
     )
+    lagged = lagged._replace(north=north, east=east)
+    axes = FrameAxes(*[rotate_inverse(turn_frd, axis) for axis in calibration.axes])
+    state = state._replace(
+        vertical=state.vertical._replace(lagged=lagged),
+        field=state.field._replace(calibration=calibration._replace(axes=axes)),
+    )
+    q = normalize(multiply(gathered.q_g_frd, turn_frd))
     return state, gathered._replace(q_g_frd=q)
-
-
-def _turned(axis: Smooth, turn_frd: Quaternion) -> Smooth:
-    return axis._replace(value=rotate_inverse(turn_frd, axis.value))

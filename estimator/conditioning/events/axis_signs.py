@@ -1,12 +1,11 @@
 """A gyroscope's axis that is at fault: the field turns in G as that axis' error would turn it.
 
-In G, which the gyroscope carries along, the field of the place stands still. An axis that is
-stuck, stepped, scaled or saturated turns it about that axis, and gravity with it, for as long as
-the fault lasts. The turn of a second is compared with all that turns a field in G beside that:
-noise, turns missed between samples, a magnet, which changes the norm, too, and the share of its
-turns by which a vehicle takes the field along: one that is late, has iron or stands turned in it.
-That share is learnt. A field that leaps, faster than a vehicle turns, has to show it anew. How much
-better or worse the force fits is the rest of the evidence.
+An axis that is stuck, stepped, scaled or saturated turns the field of the place in G about that
+axis, and gravity with it, for as long as the fault lasts. The turn of a second is compared with all
+that turns a field in G beside that: noise, turns missed between samples, a magnet, which changes
+the norm, too, and the share of its turns by which a vehicle takes the field along: one that is
+late, has iron or stands turned in it. That share is learnt. A field that leaps, faster than a
+vehicle turns, has to show it anew. How well the force fits is the rest of the evidence.
 """
 
 from math import exp, pi
@@ -23,7 +22,7 @@ from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.step import VerticalStep
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
-from estimator.geometry.axes import FrameAxes, axes_of, to_frame
+from estimator.geometry.axes import axes_of, to_frame
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
 from estimator.types import ZERO_VEC3, Vec3
 
@@ -74,14 +73,11 @@ class Suspect(NamedTuple):
 @inlined
 def carry_axes(state: AxisSigns, vertical: VerticalStep, dt_s: float) -> AxisSigns:
     """One learning step of the gyroscope, with or without a field."""
-    keep = SPAN_S / (SPAN_S + dt_s)
-    turn_g = scale(dt_s, to_frame(axes_of(vertical.q_g_frd), vertical.rate))
-    turned = scale(keep, add(state.turned, turn_g))
-    unseen = keep * keep * state.unseen + vertical.aliasing
-    fade = LATELY_S / (LATELY_S + dt_s)
+    keep, fade = SPAN_S / (SPAN_S + dt_s), LATELY_S / (LATELY_S + dt_s)
+    turn_g = scale(dt_s, to_frame(axes_of(vertical.mean.q_g_frd), vertical.rate))
     return state._replace(
-        turned=turned,
-        unseen=unseen,
+        turned=scale(keep, add(state.turned, turn_g)),
+        unseen=keep * keep * state.unseen + vertical.aliasing,
         squares=scale(fade, state.squares),
         since_s=min(state.since_s + dt_s, LATELY_S),
         errors=scale(fade, state.errors),
@@ -106,7 +102,6 @@ def watch_axes(
     """
     if usual_norm <= 0.0 or square(jump.quick) <= 0.0:
         return state
-    axes = axes_of(vertical.q_g_frd)
     y = unit(jump.quick)
     if jump.since_leap_s < QUICK_S:
         return state._replace(slow=y, slower=y, moves=UNPROVEN_S, turns=UNPROVEN_S, age_s=dt_s)
@@ -123,7 +118,7 @@ def watch_axes(
     noise += max(bias[0], bias[4], bias[7]) * span_s * span_s
     seen = Seen(
         y=y,
-        moved=moved_beyond_bias(state, vertical, axes, y),
+        moved=moved_beyond_bias(state, vertical, y),
         by_turning=taken_along(state, vertical.state.gravity, jump.since_leap_s),
         by_iron=min(state.moves / state.turns, NORM_SCALE**2) * square(state.turned),
         by_noise=state.by_noise * noise,
@@ -153,13 +148,13 @@ def taken_along(state: AxisSigns, gravity: GravityState, since_leap_s: float) ->
 
 
 @inlined
-def moved_beyond_bias(state: AxisSigns, vertical: VerticalStep, axes: FrameAxes, y: Vec3) -> Vec3:
+def moved_beyond_bias(state: AxisSigns, vertical: VerticalStep, y: Vec3) -> Vec3:
     """How far the field has left its mean in G, less what a wrong bias may have done.
 
     G is free of the bias that is believed: it may be any between that and none.
     """
-    believed = vertical.state.estimate.bias_rad_s
-    by_bias = scale(min(SPAN_S, state.age_s), cross(y, to_frame(axes, believed)))
+    believed_g = to_frame(axes_of(vertical.mean.q_g_frd), vertical.state.estimate.bias_rad_s)
+    by_bias = scale(min(SPAN_S, state.age_s), cross(y, believed_g))
     moved = subtract(y, state.slow)
     share = max(0.0, min(1.0, dot(moved, by_bias) / max(square(by_bias), 1e-12)))
     return subtract(moved, scale(share, by_bias))
@@ -170,7 +165,7 @@ def suspect(
     state: AxisSigns, vertical: VerticalStep, axis: Vec3, field: Seen, force_scatter: float
 ) -> Suspect:
     """The case against an ``axis`` of the body: a turn t about it, a in G, moves y by t a x y."""
-    a = to_frame(axes_of(vertical.q_g_frd), axis)
+    a = to_frame(axes_of(vertical.mean.q_g_frd), axis)
     d = cross(a, field.y)
     shown = max(square(d), 1e-9)
     turn = dot(field.moved, d) / shown
@@ -210,17 +205,16 @@ def judge(
 
     A ratio of up to twice the usual one teaches what is usual, each cause in proportion.
     """
-    ratio = 0.0
-    for case in cases:
-        ratio = max(ratio, case.ratio)
+    a, b, c = cases
+    ratio = max(0.0, a.ratio, b.ratio, c.ratio)
     least, share = most_evidence(cases) - FAR, dt_s / (SPAN_S + dt_s)
-    squares = (
-        suspicion(state.squares[0], cases[0], least, share),
-        suspicion(state.squares[1], cases[1], least, share),
-        suspicion(state.squares[2], cases[2], least, share),
-    )
     since_s, errors = likely_errors(state.since_s, state.errors, cases)
-    fixed = (if_fixed(cases[0]), if_fixed(cases[1]), if_fixed(cases[2]))
+    # the cases, were the field known to go along with no turn
+    fixed = (
+        a._replace(ratio=a.fixed_ratio),
+        b._replace(ratio=b.fixed_ratio),
+        c._replace(ratio=c.fixed_ratio),
+    )
     fixed_since_s, fixed_errors = likely_errors(state.fixed_since_s, state.fixed_errors, fixed)
     variance = field.by_turning + field.by_noise
     quiet = field.by_noise / variance
@@ -233,7 +227,11 @@ def judge(
         moves=min(keep * (state.moves + dt_s * max(0.0, moves)), 4.0 * turns),
         turns=turns,
         by_noise=max(1.0, state.by_noise * (1.0 + learn * quiet)),
-        squares=squares,
+        squares=(
+            suspicion(state.squares[0], a, least, share),
+            suspicion(state.squares[1], b, least, share),
+            suspicion(state.squares[2], c, least, share),
+        ),
         since_s=since_s,
         errors=errors,
         fixed_since_s=fixed_since_s,
@@ -242,18 +240,10 @@ def judge(
 
 
 @inlined
-def if_fixed(case: Suspect) -> Suspect:
-    """The case, were the field known to go along with no turn."""
-    return case._replace(ratio=case.fixed_ratio)
-
-
-@inlined
 def most_evidence(cases: tuple[Suspect, Suspect, Suspect]) -> float:
     """That of the best case against an axis, by field and force together."""
-    most = 0.0
-    for case in cases:
-        most = max(most, case.ratio + case.by_force)
-    return most
+    a, b, c = cases
+    return max(0.0, a.ratio + a.by_force, b.ratio + b.by_force, c.ratio + c.by_force)
 
 
 @inlined
@@ -268,26 +258,22 @@ def likely_errors(
     (x, y, z), least = errors, most - FAR
     if is_strong(cases[0], least) or is_strong(cases[1], least) or is_strong(cases[2], least):
         since_s = 0.0
-        x = larger(x, likely_error(cases[0], most))
-        y = larger(y, likely_error(cases[1], most))
-        z = larger(z, likely_error(cases[2], most))
+        x = larger_error(x, cases[0], most)
+        y = larger_error(y, cases[1], most)
+        z = larger_error(z, cases[2], most)
     return since_s, (x, y, z)
 
 
 @inlined
-def likely_error(case: Suspect, most: float) -> float:
+def larger_error(before: float, case: Suspect, most: float) -> float:
     """The error of an axis, rad/s, times its likelihood ratio to the one of ``most`` evidence.
 
-    The field shows hardly anything of a turn about itself: half a turn in a second is the most.
+    The one ``before`` stays if it is farther off 0. The field shows hardly anything of a turn about
+    itself: half a turn in a second is the most.
     """
     rate_rad_s = max(-pi / SPAN_S, min(case.rate_rad_s, pi / SPAN_S))
-    return exp(0.5 * (case.ratio + case.by_force - most)) * rate_rad_s
-
-
-@inlined
-def larger(a: float, b: float) -> float:
-    """The one that is farther off 0."""
-    return a if abs(a) > abs(b) else b
+    now = exp(0.5 * (case.ratio + case.by_force - most)) * rate_rad_s
+    return before if abs(before) > abs(now) else now
 
 
 @inlined

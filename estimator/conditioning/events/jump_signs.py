@@ -9,15 +9,17 @@ from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import MOST_DISTORTION
 from estimator.conditioning.params import LATELY_S, LONG_S, QUICK_S, ConditioningParams
 from estimator.conditioning.robust import FAR
-from estimator.conditioning.vertical.lowpass import approach, largest_between
+from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # The two low-passes of the field in G, s.
 JUMP_QUICK_S = 0.1
-# The largest part of a jump that lies between the two.
-JUMP_SHARE = largest_between(JUMP_QUICK_S, QUICK_S)
+# The largest part of a jump that lies between the two: exp(-t/slow) - exp(-t/quick) where both
+# exponentials fall alike.
+RATIO = QUICK_S / JUMP_QUICK_S
+JUMP_SHARE = RATIO ** (-1.0 / (RATIO - 1.0)) * (1.0 - 1.0 / RATIO)
 # In how far they differ usually a moment counts as no more than so many times that, and noise: a
 # jump is not usual because it has come, and teaches no calibration.
 MOST_USUAL = 2.5
@@ -54,9 +56,8 @@ def watch_field(
 ) -> JumpSigns:
     """Follow the field in G twice, quickly and slowly, and how far the two usually differ.
 
-    In G the field of a place stands still, whatever the vehicle does and however it
-    accelerates; beside steel it changes by a few degrees a second. A turn that the
-    gyroscope has not shown turns it at once.
+    Whatever the vehicle does, the field of a place stands still in G; beside steel it changes by a
+    few degrees a second. A turn that the gyroscope has not shown turns it at once.
     """
     n = norm(field_g)
     a, b = dt_s / (JUMP_QUICK_S + dt_s), dt_s / (QUICK_S + dt_s)
@@ -68,12 +69,12 @@ def watch_field(
         a = b
     quick = approach(state.quick, field_g, a)
     slow = approach(state.slow, field_g, b)
-    turned = turn_of(quick, slow)
-    c = dt_s / (min(LATELY_S, state.age_s) + dt_s)
-    apart = turned**2
     quick_norm = state.quick_norm + a * (n - state.quick_norm)
     slow_norm = state.slow_norm + b * (n - state.slow_norm)
     stretched = (quick_norm / max(slow_norm, TINY) - 1.0) ** 2
+    c = dt_s / (min(LATELY_S, state.age_s) + dt_s)
+    apart_rad = turn_of(quick, slow)
+    apart = apart_rad**2
     if state.age_s > LATELY_S:
         apart = min(apart, MOST_USUAL**2 * (state.usual + LEAST_DIRECTION_RAD**2))
     moves_rad = turn_of(state.quick, field_g)
@@ -89,7 +90,7 @@ def watch_field(
         quick_norm=quick_norm,
         slow_norm=slow_norm,
         stretched=state.stretched + b * (stretched - state.stretched),
-        apart_rad=turned,
+        apart_rad=apart_rad,
         moves_rad=moves_rad,
         scatter=state.scatter + c * (scatter - state.scatter),
         since_leap_s=0.0 if leaps else min(state.since_leap_s + dt_s, LONG_S),
@@ -115,16 +116,13 @@ def jump_variance(params: ConditioningParams, state: JumpSigns, learnt: Calibrat
     and own field make of turning, and than what slow samples miss. A magnet that turns the
     field changes its norm, too: by how much it does is no sign of a turn.
     """
-    p = learnt.covariance
+    p, turned = learnt.covariance, state.apart_rad
     own = p[9] + QUICK_S**2 * (p[0] + p[4] + p[7])
-
-    turned = state.apart_rad
     least = params.turn_jump_rad**2 + FAR * (state.usual + state.unseen + state.stretched)
     more = max(0.0, state.turning - state.usual_turning)
     by_turning = own * state.turning
     if state.usual_turning > 0.0:
-        seen = FAR * state.usual * more / state.usual_turning
-        by_turning = min(by_turning, seen)
+        by_turning = min(by_turning, FAR * state.usual * more / state.usual_turning)
     least += by_turning
     if turned**2 < 0.25 * least:
         return 0.0, 0.0
@@ -137,9 +135,8 @@ def jump_variance(params: ConditioningParams, state: JumpSigns, learnt: Calibrat
 def looks_turned(params: ConditioningParams, state: JumpSigns) -> bool:
     """Whether the field in G turns more than it usually does.
 
-    What an unknown lag or own field makes of turning is part of the usual. After an
-    unsensed turn the calibration's means are of another attitude, and what has jumped would
-    pass for the vehicle's own field along an axis that is still unknown. So would a magnet.
+    What an unknown lag or own field makes of turning is part of the usual. What has jumped would
+    pass for the vehicle's own field along an axis that is still unknown.
     """
     least = params.turn_jump_rad**2 + MOST_USUAL**2 * (state.usual + state.unseen)
     return state.apart_rad**2 > least

@@ -73,14 +73,15 @@ class EventsState(NamedTuple):
     unsensed_turn: float = 0.0  # variance (rad^2) about any axis that this step has shown
 
 
+# After a learning step.
+States = tuple[VerticalState, MagnetometerState, EventsState]
+
+
 @inlined
 def inflate_variance(
     inflation: HeadingInflation, signs: EventsState, variance: float, steepness: float
 ) -> HeadingInflation:
-    """The inflation after a jump of the field, by a turn whose angle has the ``variance`` (rad^2).
-
-    A steep field makes more of it: ``steepness`` is the squared tangent of the dip.
-    """
+    """The inflation after a jump of the field, by a turn of that ``variance`` (rad^2)."""
     raised = min(inflation.variance + variance * (1.0 + steepness), HALF_TURN_VARIANCE)
     if inflation.variance > 0.0:
         return inflation._replace(variance=raised, usual_s=0.0)
@@ -113,10 +114,10 @@ def release_inflation(
 ) -> tuple[HeadingInflation, float, Estimate, bool]:
     """Add the inflation to the heading once the field has looked as usual for a while.
 
-    A magnet that has turned the field shows in norm or dip, now or soon, and must not draw the
-    heading: the field has to stand still again, and what its jump has added to both inflations is
-    dropped if its norm is another, or if it came to point elsewhere slowly. That of the vertical is
-    ``tilt`` (rad^2). While that is large the field's dip shows nothing, so that the norm decides.
+    A magnet that has turned the field must not draw the heading: the field has to stand still
+    again, and what its jump has added to both inflations is dropped if its norm is another, or if
+    it came to point elsewhere slowly. While the vertical's, ``tilt`` (rad^2), is large the dip
+    shows nothing, so that the norm decides.
 
     Returns both inflations, the estimate and whether the heading was given up.
     """
@@ -128,22 +129,22 @@ def release_inflation(
     usual_s = max(0.0, inflation.usual_s + clip(2.0 * (1.0 - off), 1.0) * min(dt_s, LONGEST_STEP_S))
     most = SCALE_ERROR + sqrt(field.reference.uneven)
     left, norm = inflation.variance, inflation.norm_before
+    inflation = inflation._replace(usual_s=usual_s)
     if left > 0.0 and abs(jump.quick_norm - norm) > most * norm:
-        return inflation._replace(variance=0.0, usual_s=usual_s), inflation.no_jump, estimate, False
+        return inflation._replace(variance=0.0), inflation.no_jump, estimate, False
     if usual_s <= SPAN_S:
-        return inflation._replace(variance=left, usual_s=usual_s), tilt, estimate, False
+        return inflation, tilt, estimate, False
     if not is_sudden(jump.usual / JUMP_SHARE**2, left, steepness(field.reference), horizontal):
         left, tilt = 0.0, inflation.no_jump if left > 0.0 else tilt
-    inflation = inflation._replace(variance=0.0, usual_s=usual_s)
-    return inflation, tilt, inflate_heading(estimate, left), left > 0.0
+    released = inflate_heading(estimate, left)
+    return inflation._replace(variance=0.0), tilt, released, left > 0.0
 
 
 @inlined
 def with_field_turned(estimate: Estimate, tilt: float, field: MagneticState) -> Estimate:
     """A heading no surer than its field, which a vertical of the variance ``tilt`` (rad^2) turns.
 
-    Such an error lasts, so that means of the field do not lessen it. A field that shows no heading
-    changes nothing.
+    Such an error lasts, so that means of the field do not lessen it.
     """
     if not has_heading(field):
         return estimate
@@ -191,9 +192,8 @@ def shown_together(
     In G both stand still unless the gyroscope has missed a turn, by which the field jumps and the
     force leaves ``quick``, its mean of a second, while the angle between the two stays. Less counts
     than such a mean is usually off, than an acceleration that changes the force's size may have
-    turned it, and than the vehicle has turned by itself in that second: a thrust turns along with
-    it in G, as a frozen field does. None counts within a second after field and force have
-    contradicted an axis of the gyroscope, which makes such jumps, too.
+    turned it, and than the vehicle has turned by itself in that second. None counts within a second
+    after field and force have contradicted an axis of the gyroscope, which makes such jumps, too.
     """
     if proof.jump <= 0.0 or before.axes.since_s < SPAN_S:
         return 0.0
@@ -204,40 +204,28 @@ def shown_together(
     return max(0.0, off * off - usual - (REACH * between) ** 2)
 
 
-class EventsStep(NamedTuple):
-    """The three wings' states after a learning step."""
-
-    vertical: VerticalState
-    field: MagnetometerState
-    events: EventsState
-
-
 @inlined
 def follow_signs(
-    params: ConditioningParams,
-    before: EventsState,
-    mean: Gathered,
-    vertical: VerticalStep,
-    field: FieldStep,
+    params: ConditioningParams, before: EventsState, vertical: VerticalStep, field: FieldStep
 ) -> EventsState:
     """Each sign followed by one step's mean readings."""
-    now, magnetic, since_s = vertical.state, field.state.magnetic, field.since_s
+    now, mean = vertical.state, vertical.mean
+    magnetic, since_s = field.state.magnetic, field.since_s
     heading, jump = before.heading, before.jump
     axes = carry_axes(before.axes, vertical, mean.time_s)
-    if field.seen:
+    if mean.field_s > 0.0:
         turning = dot(vertical.rate, vertical.rate)
         jump = watch_field(params, jump, mean.field_g, turning, vertical.aliasing, since_s)
         scatter = before.gravity.force_scatter
         axes = watch_axes(axes, vertical, jump, reference_norm(magnetic), scatter, since_s)
-    if field.seen and has_heading(magnetic):
+    if mean.field_s > 0.0 and has_heading(magnetic):
         heading = watch_heading(params, heading, now.estimate, magnetic, field.horizontal, since_s)
-    dt = mean.time_s
-    weighed = weighing(params, dt)
     # a jump that is a magnet's shows no turn, so that the force has to
     is_known = magnetic.reference.samples > 0.0
     has_field = is_known and magnetic.wait_s < SPAN_S and jump.seen_rad < pi
+    dt_s, weighed = mean.time_s, weighing(params, mean.time_s)
     gravity = watch_gravity(
-        params, before.gravity, now.gravity, dt, now.inflation, weighed, has_field
+        params, before.gravity, now.gravity, dt_s, now.inflation, weighed, has_field
     )
     return EventsState(heading, gravity, jump, axes, before.inflation, 0.0)
 
@@ -271,15 +259,11 @@ def react(
 
 @inlined
 def learn_events(
-    params: ConditioningParams,
-    before: EventsState,
-    mean: Gathered,
-    vertical: VerticalStep,
-    field: FieldStep,
-) -> EventsStep:
+    params: ConditioningParams, before: EventsState, vertical: VerticalStep, field: FieldStep
+) -> States:
     """Look for a turn that the gyroscope has not shown, and undo what it has spoilt."""
     magnetic, calibration = field.state.magnetic, field.state.calibration
-    signs = follow_signs(params, before, mean, vertical, field)
+    signs, mean = follow_signs(params, before, vertical, field), vertical.mean
     heading, gravity, jump, axes, inflation, _ = signs
     was_inflated, released = inflation.variance > 0.0, False
     proof = proof_of(params, signs, calibration.learnt, reference_norm(magnetic))
@@ -288,16 +272,13 @@ def learn_events(
     now = react(proof, now, field.horizontal, was_inflated)
     heading_rad, estimate, tilt = now.estimate.heading_rad, now.estimate, now.inflation
     # what a jump has added shrinks with the whole, at the latest
-    others = (
-        tilt if proof.gravity else min(inflation.no_jump + vertical.clipped + proof.force, tilt)
-    )
-    inflation = inflation._replace(no_jump=others)
+    others = min(inflation.no_jump + vertical.clipped + proof.force, tilt)
+    inflation = inflation._replace(no_jump=tilt if proof.gravity else others)
     if proof.jump > 0.0:
         inflation = inflate_variance(inflation, signs, proof.jump, steepness(magnetic.reference))
         # beside a magnet a turn is the less likely
-        tilt += proof.jump * likely(heading.mean_confidence)
-        tilt = min(tilt, HALF_TURN_VARIANCE)
-    if field.seen and (inflation.variance > 0.0 or tilt > 0.0):
+        tilt = min(tilt + proof.jump * likely(heading.mean_confidence), HALF_TURN_VARIANCE)
+    if mean.field_s > 0.0 and (inflation.variance > 0.0 or tilt > 0.0):
         inflation, tilt, estimate, released = release_inflation(
             params, inflation, tilt, estimate, magnetic, jump, field.horizontal, mean.time_s
         )
@@ -305,7 +286,7 @@ def learn_events(
         estimate = with_field_turned(estimate, tilt, magnetic)
     is_magnets = was_inflated and inflation.variance == 0.0 and not released
     turned = proof.heading or proof.gravity or proof.jump > 0.0
-    turned = turned or (field.seen and looks_turned(params, jump))
+    turned = turned or (mean.field_s > 0.0 and looks_turned(params, jump))
     if turned or vertical.clipped > LEAST_OFF_RAD**2:
         calibration = calibration._replace(age_s=0.0)  # its means are of the old attitude
     # the signs that were proof enough start anew
@@ -317,8 +298,8 @@ def learn_events(
         gravity = gravity._replace(off_s=0.0)
     # where a magnet has jumped, the rest of that jump is its, too
     jump = jump._replace(seen_rad=pi if is_magnets else proof.seen_rad)
-    return EventsStep(
-        vertical=now._replace(estimate=estimate, inflation=tilt),
-        field=MagnetometerState(calibration, magnetic),
-        events=EventsState(heading, gravity, jump, axes, inflation, unsensed_turn),
+    return (
+        now._replace(estimate=estimate, inflation=tilt),
+        MagnetometerState(calibration, magnetic),
+        EventsState(heading, gravity, jump, axes, inflation, unsensed_turn),
     )

@@ -24,7 +24,6 @@ from estimator.conditioning.params import (
 from estimator.conditioning.robust import MOST_DEVIATION, robust_factor
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD, Estimate
 from estimator.conditioning.vertical.gravity import GravityState
-from estimator.conditioning.vertical.lowpass import largest_lead
 from estimator.conditioning.vertical.slow_acceleration import MOST_APART_RAD, PRIOR_VARIANCE
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import (
@@ -43,9 +42,9 @@ def duration_s(holds: bool, lasted_s: float, dt_s: float) -> float:
     return lasted_s + min(dt_s, LONGEST_STEP_S) if holds else 0.0
 
 
-# The largest part of a turn by which the force of ``SPAN_S`` is ahead of the low-passed one,
-# with the usual ``gravity_tau_s``.
-SPAN_LEAD = largest_lead(SPAN_S, ConditioningParams().gravity_tau_s)
+# The largest part of a turn by which the force of ``SPAN_S`` is ahead of the low-passed one, with
+# the usual ``gravity_tau_s``: the largest e^-x (cos x + sin x) - e^(-t/SPAN_S), x = t/tau.
+SPAN_LEAD = 0.5408058192242805
 # A field points to a heading given up again within this share of the angle by which it is off the
 # present one.
 STILL_OFF = 0.5
@@ -75,10 +74,9 @@ def watch_heading(
 ) -> HeadingSigns:
     """Look for a field that has its usual norm and dip, and keeps pointing elsewhere.
 
-    A magnet that turns the field nearly always changes its norm or dip too, so
-    its confidence falls; after a turn of the vehicle about the vertical both
-    are as learnt. The means over ``SPAN_S`` are of the field weighted by its
-    confidence. What they show is summed in ``confirmed_s``, seconds of a field of full confidence.
+    A magnet that turns the field nearly always changes its norm or dip too, so that its confidence
+    falls; after a turn of the vehicle about the vertical both are as learnt. ``confirmed_s`` sums
+    what the means show, in seconds of a field of full confidence.
     """
     north, east = horizontal
     c = field.look.confidence
@@ -89,12 +87,11 @@ def watch_heading(
     known = 4.0 * estimate.covariance[9] < HALF_TURN_VARIANCE  # else it follows the field anyway
     away = direction(n, e)
     # how surely that is an angle that honest drift does not reach, 0..1
-    off = 1.0 - 1.0 / robust_factor((away / params.turn_heading_rad) ** 2)
-    elsewhere = off if known else 0.0
+    elsewhere = 1.0 - 1.0 / robust_factor((away / params.turn_heading_rad) ** 2) if known else 0.0
     confirmed_s = confirmed_time_s(params, state, estimate.heading_rad - away, elsewhere, c, dt_s)
     if field.reference.is_new:  # the heading was that of a field that is not believed any more
         confirmed_s = min(confirmed_s, SPAN_S)
-    back = is_back(params, state, estimate, field, horizontal)
+    back = likely(c) > 0.0 and is_back(params, state, estimate.heading_rad, horizontal)
     b = dt_s / (USUAL_S + dt_s) if estimate.covariance[9] < SETTLED_HEADING_RAD**2 else 0.0
     return state._replace(
         mean_north=n,
@@ -109,22 +106,18 @@ def watch_heading(
 
 @inlined
 def is_back(
-    params: ConditioningParams,
-    state: HeadingSigns,
-    estimate: Estimate,
-    field: MagneticState,
-    horizontal: Vec2,
+    params: ConditioningParams, state: HeadingSigns, heading_rad: float, horizontal: Vec2
 ) -> bool:
-    """Whether the field, which looks as usual, points to the heading that was given up lately.
+    """Whether a field that looks as usual points to the heading that was given up lately.
 
     That a magnet has gone is far likelier than two unsensed turns that end where they began: it
     needs no more than that noise is none.
     """
     away = direction(horizontal[0], horizontal[1])
-    apart = estimate.heading_rad - away - state.other_rad
+    apart = heading_rad - away - state.other_rad
     near = 1.0 - cos(apart) < STILL_OFF**2 * (1.0 - cos(away))
     far = cos(away) < cos(params.turn_heading_rad)
-    return state.other_s > 0.0 and near and far and likely(field.look.confidence) > 0.0
+    return state.other_s > 0.0 and near and far
 
 
 @inlined
@@ -196,14 +189,12 @@ def watch_gravity(
     """Look for gravity that keeps pulling elsewhere than the low-passed one in G.
 
     Accelerations reverse within a second or two and rarely exceed 1 g, a turn stays. A vertical
-    that is ``weighed`` has a variance that decides how far to believe the force.
-
-    Without a field whose jump would show it sooner, a force that lies off the vertical by more
-    than is usual, for longer than a quick motion lasts, shows a smaller turn. An acceleration
-    across makes it 1/cos(off) as large, a turn leaves its size: the likelier counts.
+    that is ``weighed`` has a variance that decides how far to believe the force. Without a field
+    whose jump would show it sooner, a force that lies off the vertical by more than is usual, for
+    longer than a quick motion lasts, shows a smaller turn. An acceleration across makes it
+    1/cos(off) as large, a turn leaves its size: the likelier counts.
     """
-    f = gravity.force.down.value
-    quick = gravity.force.quick
+    f, quick = gravity.force.down.value, gravity.force.quick
     # Falling, or in the middle of a turn, the force has no direction to compare.
     falls = square(quick) <= (1.0 - MOST_DEVIATION) ** 2 * square(f)
     off = 0.0 if falls else angle_between_vectors(quick, f)

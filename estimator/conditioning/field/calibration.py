@@ -26,19 +26,13 @@ class Calibration(NamedTuple):
     scale: float  # norm of the place's field, in the field's own unit
 
 
-class CalibrationMeans(NamedTuple):
-    """Slow means of the field, as a share of ``scale``, and of what the calibration makes of it."""
-
-    field: Vec3 = ZERO_VEC3  # in G
-    turning: Vec3 = ZERO_VEC3  # R (w x m), in G, 1/s; R turns body to G
-    axes: FrameAxes = FrameAxes(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)  # of G, the rows of R
-
-
 class CalibrationState(NamedTuple):
-    """The calibration and the means that its learning takes off."""
+    """The calibration and the slow means that its learning takes off."""
 
     learnt: Calibration  # the unknowns
-    means: CalibrationMeans = CalibrationMeans()  # high-passing takes them off
+    field: Vec3 = ZERO_VEC3  # mean of the field in G, as a share of ``scale``
+    turning: Vec3 = ZERO_VEC3  # of R (w x m), in G, 1/s; R turns body to G
+    axes: FrameAxes = FrameAxes(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)  # of those of G, the rows of R
     age_s: float = 0.0  # of the means, up to ``ACCELERATION_LASTS_S``; 0: of another attitude
     scatter: float = 0.0  # mean square of what of the field's change no unknown explains
 
@@ -100,22 +94,6 @@ def walk(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance:
 
 
 @inlined
-def means_after(
-    means: CalibrationMeans, ratio: float, field: Vec3, turning: Vec3, axes: FrameAxes, a: float
-) -> CalibrationMeans:
-    """The means with the share ``a`` of new values; ``ratio`` brings the old to the new unit."""
-    return CalibrationMeans(
-        field=approach(scale(ratio, means.field), field, a),
-        turning=approach(scale(ratio, means.turning), turning, a),
-        axes=FrameAxes(
-            north=approach(means.axes.north, axes.north, a),
-            east=approach(means.axes.east, axes.east, a),
-            down=approach(means.axes.down, axes.down, a),
-        ),
-    )
-
-
-@inlined
 def learn_calibration(
     params: ConditioningParams,
     state: CalibrationState,
@@ -128,11 +106,10 @@ def learn_calibration(
 ) -> CalibrationState:
     """Recursive least squares of field = F + R offset + lag (R w) x field, all over ``norm``.
 
-    R turns body to G; ``axes`` are its axes. In G the place's field F stands still but for the
-    gyroscope's drift. What moves with the body is the vehicle's own field (hard iron), what moves
-    with the turn rate is the sensor's age. All is high-passed alike, so that F and slow drift
-    vanish: less its mean over ``ACCELERATION_LASTS_S``, or since the start. ``field_g`` is
-    corrected already, so its residual is that of what has been taken off.
+    R turns body to G; ``axes`` are its axes. What moves with the body is the vehicle's own field
+    (hard iron), what moves with the turn rate is the sensor's age. All is taken less its mean over
+    ``ACCELERATION_LASTS_S``, or since the start, so that the place's field F and slow drift vanish.
+    ``field_g`` is corrected already, so its residual is that of what has been taken off.
 
     A body that hardly turns, and a slow stream, teach only the lag. What turned ``unseen``
     (variance, rad^2) is noise, and so is a change of the field beyond what any own field explains:
@@ -145,16 +122,22 @@ def learn_calibration(
     ratio = before.scale / norm if before.scale > 0.0 else 1.0
     before = Calibration(before.lag_s, scale(ratio, before.offset), before.covariance, norm)
     if state.age_s <= 0.0:
-        return CalibrationState(before, CalibrationMeans(y, x, axes), dt_s, state.scatter)
+        return CalibrationState(before, y, x, axes, dt_s, state.scatter)
     age_s = min(state.age_s + dt_s, ACCELERATION_LASTS_S)
-    means = means_after(state.means, ratio, y, x, axes, min(1.0, dt_s / age_s))
+    a = min(1.0, dt_s / age_s)
+    field = approach(scale(ratio, state.field), y, a)
+    turning = approach(scale(ratio, state.turning), x, a)
+    mean = FrameAxes(
+        north=approach(state.axes.north, axes.north, a),
+        east=approach(state.axes.east, axes.east, a),
+        down=approach(state.axes.down, axes.down, a),
+    )
     taken_off, _ = own_field(before)
     offset, lag_s, p = before.offset, before.lag_s, walk(params, before.covariance, dt_s)
-    dy = subtract(y, means.field)
+    dy = subtract(y, field)
     scatter = state.scatter
     if dot(dy, dy) < MOST_DEVIATION**2:
-        dx = subtract(x, means.turning)
-        mean = means.axes
+        dx = subtract(x, turning)
         north, east = subtract(axes.north, mean.north), subtract(axes.east, mean.east)
         down = subtract(axes.down, mean.down)
         r, turned = (north, east, down), dot(north, north) + dot(east, east) + dot(down, down)
@@ -173,4 +156,5 @@ def learn_calibration(
             offset, lag_s, p = update(offset, lag_s, p, row, dx[i], e, noise)
         if is_slow:  # beside such steps no gyroscope is later than the magnetometer
             lag_s = max(lag_s, 0.0)
-    return CalibrationState(Calibration(lag_s, offset, p, norm), means, age_s, scatter)
+    learnt = Calibration(lag_s, offset, p, norm)
+    return CalibrationState(learnt, field, turning, mean, age_s, scatter)

@@ -111,8 +111,7 @@ def observe_field(
 
     The reference follows with the weight c dt/tau, during the first tau as a running mean, so that
     a magnet that passes later teaches it nothing. Samples count little in that mean while the
-    vertical is new: ``settled`` is 1 once it is known. Soon after, the mean catches up as if there
-    had been no such time, so that a magnet in the first tau teaches it no more.
+    vertical is new: ``settled`` is 1 once it is known. Soon after, the mean catches up.
     """
     before = state.reference
     age = before.age_s + dt_s
@@ -121,8 +120,8 @@ def observe_field(
     samples = before.samples + (2.0 * weight if catches_up else weight)
     h, v = horizontal_down(field_6d)
     if before.samples <= 0.0:
-        alternative = AlternativeField(h, v, 0.0)
-        reference = FieldReference(h, v, samples, age, dt_s, alternative, is_new=False, uneven=0.0)
+        other = AlternativeField(h, v, 0.0)
+        reference = FieldReference(h, v, samples, age, dt_s, other, is_new=False, uneven=0.0)
         return MagneticState(FieldLook(h, v, 1.0), reference, 0.0)
     a = dt_s / (FIELD_S + dt_s)
     expected = (before.horizontal, before.down)
@@ -130,19 +129,15 @@ def observe_field(
     learn = min(1.0, dt_s / USUAL_S) * look.confidence
     if age < USUAL_S:
         learn = max(learn, weight / samples)
-    other, confirmed_s = watch_alternative(before, look, dt_s)
-    reference = FieldReference(
+    reference = before._replace(
         horizontal=before.horizontal + learn * (look.horizontal - before.horizontal),
         down=before.down + learn * (look.down - before.down),
         samples=samples,
         age_s=age,
-        confirmed_s=confirmed_s,
-        other=other,
         is_new=False,
         uneven=unevenness(before, look, dt_s),
     )
-    if other.seen_s > confirmed_s:
-        reference = accept_alternative(reference)
+    reference = watch_alternative(reference, look, dt_s)
     if not params.use_confidence:
         look = look._replace(confidence=1.0)
     return MagneticState(look, reference, 0.0)
@@ -161,41 +156,34 @@ def unevenness(reference: FieldReference, look: FieldLook, dt_s: float) -> float
 
 
 @inlined
-def watch_alternative(
-    reference: FieldReference, look: FieldLook, dt_s: float
-) -> tuple[AlternativeField, float]:
-    """The other field that is seen, and for how long (s) the expected one was confirmed.
+def watch_alternative(reference: FieldReference, look: FieldLook, dt_s: float) -> FieldReference:
+    """The reference beside another field that is seen; they change places once that lasts longer.
 
     One field loses what the other gains, so the other has to last as long as the expected one has,
     at most :data:`USUAL_S`. A field that keeps changing starts anew each time.
     """
     other, most = reference.other, 2.0 * USUAL_S
-    seen = (look.horizontal, look.down)
-    expected = (other.horizontal, other.down)
+    seen, expected = (look.horizontal, look.down), (other.horizontal, other.down)
     alike = look_at_field(look, seen, 0.0, expected, NORM_SCALE, DIP_SCALE_RAD).confidence
     gain = dt_s * (alike - look.confidence)
-    confirmed_s = max(
-        0.0, min(reference.confirmed_s + dt_s * look.confidence - max(gain, 0.0), most)
-    )
+    confirmed_s = reference.confirmed_s + dt_s * look.confidence - max(gain, 0.0)
+    confirmed_s = max(0.0, min(confirmed_s, most))
     seen_s = min(other.seen_s + gain, most)
     is_third = alike + look.confidence < LEAST_ALIKE
     if is_third and seen_s > dt_s:
-        return other._replace(seen_s=seen_s - dt_s), confirmed_s
-    if is_third or seen_s <= 0.0:
-        return AlternativeField(look.horizontal, look.down, 0.0), confirmed_s
-    share = alike * min(1.0, dt_s / (seen_s + dt_s))
-    return AlternativeField(
-        horizontal=other.horizontal + share * (look.horizontal - other.horizontal),
-        down=other.down + share * (look.down - other.down),
-        seen_s=seen_s,
-    ), confirmed_s
-
-
-@inlined
-def accept_alternative(reference: FieldReference) -> FieldReference:
-    """The reference once the other field has lasted longer: the two fields change places."""
-    other = reference.other
-    given_up = AlternativeField(reference.horizontal, reference.down, reference.confirmed_s)
+        other = other._replace(seen_s=seen_s - dt_s)
+    elif is_third or seen_s <= 0.0:
+        other = AlternativeField(look.horizontal, look.down, 0.0)
+    else:
+        share = alike * min(1.0, dt_s / (seen_s + dt_s))
+        other = AlternativeField(
+            horizontal=other.horizontal + share * (look.horizontal - other.horizontal),
+            down=other.down + share * (look.down - other.down),
+            seen_s=seen_s,
+        )
+    if other.seen_s <= confirmed_s:
+        return reference._replace(confirmed_s=confirmed_s, other=other)
+    given_up = AlternativeField(reference.horizontal, reference.down, confirmed_s)
     return reference._replace(
         horizontal=other.horizontal,
         down=other.down,

@@ -13,10 +13,9 @@ from estimator.conditioning.field.magnetic import (
     reference_norm,
     steepness,
 )
-from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import MEMORY_S, SPAN_S, ConditioningParams
 from estimator.conditioning.robust import residual_factor
-from estimator.conditioning.vertical.bias import MOST_BIAS_RAD_S, Estimate, clip_each, update
+from estimator.conditioning.vertical.bias import Estimate, clip_each, update
 from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.step import VerticalStep
 from estimator.conditioning.vertical.tilt import slowness, weighing
@@ -41,19 +40,6 @@ def north_east(heading: float, field_6d: Vec3) -> Vec2:
     c = cos(heading)
     s = sin(heading)
     return (c * field_6d[0] - s * field_6d[1], s * field_6d[0] + c * field_6d[1])
-
-
-@inlined
-def residual(field: MagneticState, horizontal: Vec2) -> float:
-    """How far the field points east of north: linear in its east part, an angle when large.
-
-    A disturbance adds to the field: its effect on east/reference averages out, that on the angle
-    does not. The dip does not leak in, as it does into the cross product of whole fields.
-    """
-    north, east = horizontal
-    if north < 0.5 * abs(east):
-        return atan2(east, north)
-    return east / field.reference.horizontal
 
 
 @inlined
@@ -88,11 +74,14 @@ def learn_heading(
     """
     noise = heading_noise(params, field, settled) / dt_s
     noise += tilt_variance * steepness(field.reference)
-    off = residual(field, horizontal)
+    north, east = horizontal
+    # a disturbance adds to the field, so that its effect on the east part averages out, and that
+    # on the angle does not
+    off = atan2(east, north) if north < 0.5 * abs(east) else east / field.reference.horizontal
     b, d, p = estimate
     noise *= residual_factor(off, p[9])
     b, d, p = update(b, d, p, ZERO_VEC3, 1.0, -off, noise)
-    return Estimate(clip_each(b, MOST_BIAS_RAD_S, estimate.bias_rad_s), wrap_angle(d), p)
+    return Estimate(clip_each(b, estimate.bias_rad_s), wrap_angle(d), p)
 
 
 # Weight of a field turned by a vertical that has just begun.
@@ -111,22 +100,21 @@ class FieldStep(NamedTuple):
 
     state: MagnetometerState
     estimate: Estimate  # of bias and heading, after the field
-    seen: bool  # whether there was a field
     horizontal: Vec2  # its north and east part before that, in its own unit; (1, 0) without one
     since_s: float  # since the field before
 
 
 @inlined
 def learn_field(
-    params: ConditioningParams, before: MagnetometerState, mean: Gathered, vertical: VerticalStep
+    params: ConditioningParams, before: MagnetometerState, vertical: VerticalStep
 ) -> FieldStep:
     """Calibration, confidence and heading by one step's mean field, if there is one."""
     horizontal = (1.0, 0.0)
-    now, estimate = vertical.state, vertical.state.estimate
+    now, mean, estimate = vertical.state, vertical.mean, vertical.state.estimate
     since_s = before.magnetic.wait_s + mean.time_s
     if mean.field_s <= 0.0:
         waiting = before._replace(magnetic=before.magnetic._replace(wait_s=since_s))
-        return FieldStep(waiting, estimate, False, horizontal, since_s)
+        return FieldStep(waiting, estimate, horizontal, since_s)
     gravity, calibration = now.gravity, before.calibration
     field_6d = rotate(heading_frame(gravity, now.averaging.share), mean.field_g)
     settled = max(LEAST_SETTLED, min(1.0, gravity.force.age_s / params.gravity_tau_s) ** 2)
@@ -144,4 +132,4 @@ def learn_field(
         estimate = learn_heading(
             params, estimate, magnetic, horizontal, settled, since_s, tilt_variance
         )
-    return FieldStep(MagnetometerState(calibration, magnetic), estimate, True, horizontal, since_s)
+    return FieldStep(MagnetometerState(calibration, magnetic), estimate, horizontal, since_s)

@@ -55,15 +55,7 @@ class Averaging(NamedTuple):
     share: float = 0.0  # of it where the field is levelled; large if the profile's time is bad
 
 
-class Likely(NamedTuple):
-    """What probably holds for windows of one length, rad^2."""
-
-    apart: float  # as of an :class:`Octave`
-    turning: float  # likewise
-    accelerated: float  # the part of ``apart`` that accelerations have caused
-
-
-NOTHING_SEEN = Likely(apart=LEAST_VARIANCE, turning=0.0, accelerated=0.0)
+NOTHING_SEEN = Octave(apart=LEAST_VARIANCE)
 
 
 @inlined
@@ -115,12 +107,12 @@ def take_window(octaves: Octaves, mean: Vec3, turn: Vec3, windows: int, moved_s:
 
 @inlined
 def likely_octave(
-    params: ConditioningParams, state: Averaging, bias_variance: float, k: int, below: Likely
-) -> Likely:
-    """What is known of an octave; with few windows it resembles the one ``below``.
+    params: ConditioningParams, state: Averaging, bias_variance: float, k: int, below: Octave
+) -> tuple[Octave, float]:
+    """What probably holds of an octave; with few windows it resembles the one ``below``.
 
-    The gyroscope may have caused a share of the turn, and a bias of ``bias_variance``, (rad/s)^2
-    about each axis.
+    The second value is the part of ``apart`` by accelerations. The gyroscope may have caused a
+    share of the turn, and a bias of ``bias_variance``, (rad/s)^2 about each axis.
     """
     length_s = WINDOW_S * (1 << k)
     pairs = pairs_seen(state.windows, state.moved_s, k)
@@ -131,7 +123,7 @@ def likely_octave(
     apart = (pairs * octave.apart + PRIOR_WINDOWS * slope * below.apart) / weight
     turning = (pairs * octave.turning + PRIOR_WINDOWS * 4.0 * below.turning) / weight
     drift = 0.5 * MOST_ERROR**2 * turning + bias_variance * length_s**2
-    return Likely(apart, turning, max(0.0, apart - drift))
+    return octave._replace(apart=apart, turning=turning), max(0.0, apart - drift)
 
 
 @inlined
@@ -145,12 +137,12 @@ def best_window(
     """
     accelerated, likely = 0.0, NOTHING_SEEN
     for k in range(OCTAVES):
-        likely = likely_octave(params, state, bias_variance, k, likely)
-        accelerated += likely.accelerated
+        likely, by_push = likely_octave(params, state, bias_variance, k, likely)
+        accelerated += by_push
     weights, octave, variance, own, likely = 0.0, 0.0, 0.0, 0.0, NOTHING_SEEN
     for k in range(OCTAVES):
-        likely = likely_octave(params, state, bias_variance, k, likely)
-        accelerated -= likely.accelerated
+        likely, by_push = likely_octave(params, state, bias_variance, k, likely)
+        accelerated -= by_push
         off = 0.5 * (likely.apart + max(0.0, accelerated))
         own = off if is_within_tau(params, k) else own
         weight = 1.0 / (off + LEAST_VARIANCE) ** 2
@@ -178,12 +170,11 @@ def follow_averaging(
     octaves = take_window(state.octaves, scale(1.0 / time_s, force), turn, windows, moved_s)
     now = Averaging(octaves, windows, moved_s, ZERO_VEC3, ZERO_VEC3, 0.0, 1.0, 0.0, 0.0)
     length_s, variance, own = best_window(params, now, bias_variance)
+    if not params.use_averaging:
+        return now._replace(variance=variance)
     ratio = (variance + LEAST_VARIANCE) / (own + LEAST_VARIANCE)
-    share = max(0.0, 1.0 - ratio * ratio) if params.use_averaging else 0.0
     factor = max(TAU_SHARE * length_s, WINDOW_S) / params.gravity_tau_s
-    return now._replace(
-        factor=factor if params.use_averaging else 1.0, variance=variance, share=share
-    )
+    return now._replace(factor=factor, variance=variance, share=max(0.0, 1.0 - ratio * ratio))
 
 
 @inlined
@@ -191,4 +182,4 @@ def averaging_at_rest(params: ConditioningParams, state: Averaging, dt_s: float)
     """Nothing accelerates at rest: the profile's time is enough, and new force removes errors."""
     factor = min(state.factor, 1.0)
     share = min(1.0, dt_s / (factor * params.gravity_tau_s))
-    return state._replace(factor=factor, variance=(1.0 - share) * state.variance, share=state.share)
+    return state._replace(factor=factor, variance=(1.0 - share) * state.variance)

@@ -9,7 +9,7 @@ from estimator.conditioning.robust import FAR
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, smooth
 from estimator.conditioning.vertical.stillness import RestState, Stillness
 from estimator.geometry.axes import FrameAxes
-from estimator.geometry.quaternion import dot, subtract
+from estimator.geometry.quaternion import dot, scale, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # Upper triangle, row by row, of the covariance of three values and a fourth.
@@ -85,12 +85,12 @@ def clip(x: float, limit: float) -> float:
 
 
 @inlined
-def clip_each(b: Vec3, limit: float, before: Vec3) -> Vec3:
-    """Each component within the limit; where it was beyond ``before``, no further."""
+def clip_each(b: Vec3, before: Vec3) -> Vec3:
+    """Each component of a bias within ``MOST_BIAS_RAD_S``; where it was beyond, no further."""
     return (
-        clip(b[0], max(limit, abs(before[0]))),
-        clip(b[1], max(limit, abs(before[1]))),
-        clip(b[2], max(limit, abs(before[2]))),
+        clip(b[0], max(MOST_BIAS_RAD_S, abs(before[0]))),
+        clip(b[1], max(MOST_BIAS_RAD_S, abs(before[1]))),
+        clip(b[2], max(MOST_BIAS_RAD_S, abs(before[2]))),
     )
 
 
@@ -113,9 +113,7 @@ def predict(
     """
     p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = estimate.covariance
     dt = k.dt_s
-    g0 = -dt * down[0]
-    g1 = -dt * down[1]
-    g2 = -dt * down[2]
+    g0, g1, g2 = scale(-dt, down)
     # P_bb g
     b0 = p00 * g0 + p01 * g1 + p02 * g2
     b1 = p01 * g0 + p11 * g1 + p12 * g2
@@ -161,7 +159,7 @@ def learn_at_rest(
     b, d, p = update(b, d, p, axes.east, 0.0, dot(axes.east, subtract(g, b)), level)
     noise = k.rest_noise + still.down_variance * steps
     b, d, p = update(b, d, p, axes.down, 0.0, dot(axes.down, subtract(g, b)), noise)
-    return Estimate(clip_each(b, MOST_BIAS_RAD_S, estimate.bias_rad_s), d, p)
+    return Estimate(clip_each(b, estimate.bias_rad_s), d, p)
 
 
 @inlined
@@ -221,4 +219,4 @@ def learn_in_motion(
         # that is the innovation of the bias before the step: less what the other axis has changed
         e -= dot(axes[i], subtract(b, estimate.bias_rad_s))
         b, d, p = update(b, d, p, axes[i], 0.0, e, k.motion_noise + unseen)
-    return Estimate(clip_each(b, MOST_BIAS_RAD_S, estimate.bias_rad_s), d, p)
+    return Estimate(clip_each(b, estimate.bias_rad_s), d, p)

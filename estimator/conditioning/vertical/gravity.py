@@ -60,18 +60,17 @@ def observe_gravity(
     In G gravity stands still, accelerations average out (what moves to and fro ends where it
     began), and turning causes no lag. The mean of forces is not tilted, as that of directions is,
     so the force is not normalised first. A running mean over the first ``gravity_tau_s`` starts it.
-    A slow stream's vertical moves by ``share`` of its way
-    (:mod:`estimator.conditioning.vertical.tilt`). The published vertical is low-passed for its own
-    time (:mod:`estimator.conditioning.vertical.averaging`); how far its long mean points elsewhere
-    goes into sigma. Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
+    A slow stream's vertical (``slow`` above 0) moves by ``share`` of its way
+    (:mod:`estimator.conditioning.vertical.tilt`), the published one for its own time
+    (:mod:`estimator.conditioning.vertical.averaging`). Source: Laidig and Seel 2023, doi
+    10.1016/j.inffus.2022.10.014.
     """
-    before = state.force
-    dt = k.dt_s
+    before, dt = state.force, k.dt_s
     age = before.age_s + dt
+    warm_up = age <= params.gravity_tau_s or before.age_s == 0.0
     if not params.use_gravity_filter:
         down = best = Smooth(u, ZERO_VEC3)
-    elif age <= params.gravity_tau_s or before.age_s == 0.0 or slow > 0.0:
-        warm_up = age <= params.gravity_tau_s or before.age_s == 0.0
+    elif warm_up or slow > 0.0:
         a = max(dt / age, slow * share) if warm_up else share
         down = Smooth(approach(before.down.value, u, a), ZERO_VEC3)
         best = Smooth(approach(before.best.value, u, a), ZERO_VEC3)
@@ -104,8 +103,7 @@ def age_after_hole(
     The first reading behind the hole, worth ``interval_s``, has made up ``share`` of the vertical.
     So the next ones count by that share, and not as little as after seconds of averaging.
     """
-    is_fast = 0.0 < interval_s < FAST_STEP_S
-    if slow <= 0.0 or dt <= SPAN_S or not is_fast:
+    if slow <= 0.0 or dt <= SPAN_S or not 0.0 < interval_s < FAST_STEP_S:
         return state
     before_s = state.force.age_s
     age_s = min(before_s, interval_s / max(share, interval_s / before_s))
@@ -121,13 +119,6 @@ def level_to(q_6d_g: Quaternion, down_g: Vec3) -> tuple[Quaternion, Vec2]:
     z = unit(f)
     # z x DOWN = (z_y, -z_x, 0), the rotation vector of a small step
     return normalize(multiply(shortest_rotation(z, DOWN), q_6d_g)), (z[1], -z[0])
-
-
-@inlined
-def level(state: GravityState) -> tuple[GravityState, Vec2]:
-    """Frame 6D levelled by the low-passed force, and the step about north and east."""
-    q, step = level_to(state.q_6d_g, state.force.down.value)
-    return state._replace(q_6d_g=q), step
 
 
 @inlined

@@ -6,8 +6,6 @@ They follow from the parameters and the time step, and are kept until the step c
 from math import cos, exp, sin
 from typing import NamedTuple
 
-import numpy as np
-
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import LONG_S, QUICK_S, SPAN_S, USUAL_S, ConditioningParams
 from estimator.geometry.quaternion import add, scale, subtract
@@ -65,25 +63,6 @@ def approach(mean: Vec3, v: Vec3, share: float) -> Vec3:
     )
 
 
-def largest_between(quick_s: float, slow_s: float) -> float:
-    """The largest part of a step that lies between two first-order low-passes.
-
-    exp(-t/slow) - exp(-t/quick) is largest where both exponentials fall alike.
-    """
-    ratio = slow_s / quick_s
-    return float(ratio ** (-1.0 / (ratio - 1.0)) * (1.0 - 1.0 / ratio))
-
-
-def largest_lead(mean_s: float, tau_s: float) -> float:
-    """The largest part of a step by which a first-order low-pass is ahead of :func:`low_pass`.
-
-    It is the largest e^-x (cos x + sin x) - e^(-t/mean), with x = t/tau.
-    """
-    t = np.linspace(0.0, 4.0 * tau_s, 10_000)
-    x = t / tau_s
-    return float(np.max(np.exp(-x) * (np.cos(x) + np.sin(x)) - np.exp(-t / mean_s)))
-
-
 class Coefficients(NamedTuple):
     """The coefficients of steps of one length; none before the first step."""
 
@@ -107,10 +86,9 @@ def coefficients(params: ConditioningParams, dt_s: float, factor: float) -> Coef
     The noises are those that keep a variance where it shall be: with a random walk of variance V
     a step, a measurement of the noise P^2/V + P makes P the steady variance.
     """
-    walk = params.bias_motion_sigma_rad_s**2 * dt_s / LONG_S
-    tau_s = params.gravity_tau_s
-    at_rest = params.bias_rest_sigma_rad_s**2
+    tau_s, at_rest = params.gravity_tau_s, params.bias_rest_sigma_rad_s**2
     moving = params.bias_motion_sigma_rad_s**2
+    walk = moving * dt_s / LONG_S
     return Coefficients(
         dt_s=dt_s,
         factor=factor,

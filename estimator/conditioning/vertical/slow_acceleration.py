@@ -3,15 +3,13 @@
 A vehicle that turns, climbs or brakes for seconds draws the force of a second away from its own
 long mean in G. G drifts as well if the gyroscope misses turns, by as much as the steps' noise; the
 rest is an acceleration. The size of the force, the root of g^2 + a^2 for a horizontal acceleration
-a, limits it from above and, if G drifts too much, from below. Shaking changes that size from one
-reading to the next. No vehicle accelerates up or down for long, so along the vertical the mean
-force is gravity: if it is less, the vertical is wrong by an angle of that cosine.
+a, limits it. No vehicle accelerates up or down for long, so along the vertical the mean force is
+gravity: if it is less, the vertical is wrong by an angle of that cosine.
 
-The vehicle's mean tilt helps if the gyroscope has shown nothing of a step. A vehicle that is
-shaken faster than it is sampled turns by any angle between two samples and stays about where it
-was. Then the mean force, seen from the body, shows its tilt better than the latest one. Tilting and
-shaking both scatter the force's direction; shaking also scatters its size, along gravity as much as
-about either axis across it.
+A vehicle that is shaken faster than it is sampled turns by any angle between two samples and stays
+about where it was. Then the mean force, seen from the body, shows its tilt better than the latest
+one. Tilting and shaking both scatter the force's direction; shaking also scatters its size, along
+gravity as much as about either axis across it.
 """
 
 from typing import NamedTuple
@@ -25,6 +23,7 @@ from estimator.geometry.quaternion import (
     angle_between_vectors,
     dot,
     norm,
+    scale,
     square,
 )
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
@@ -67,12 +66,6 @@ def slow_variance(state: SlowAcceleration) -> float:
 
 
 @inlined
-def least_variance(state: SlowAcceleration) -> float:
-    """The least variance (rad^2) of the vertical: t^2 = 2 (1 - cos t) of what shows it is wrong."""
-    return max(0.0, 2.0 * (1.0 - state.along - SCALE_ERROR))
-
-
-@inlined
 def watch_slow(
     state: SlowAcceleration,
     u: Vec3,
@@ -88,8 +81,7 @@ def watch_slow(
     ``down_g`` is the vertical before it. The long mean moves by ``long_share`` a step, so it lags
     behind a turn of the variance ``aliasing`` (rad^2) in each step by L <- (1 - share)^2 (L +
     missed). Until the vehicle has been watched for ``USUAL_S`` that mean may itself lie off as far
-    as the size of the force allows. Of this the share ``carried`` counts, less for a slow stream,
-    whose first readings show little of what lasts.
+    as the size of the force allows, of which the share ``carried`` counts.
     """
     long = approach(state.long, u, long_share)
     lag = (1.0 - long_share) ** 2 * (state.lag + aliasing)
@@ -130,10 +122,9 @@ class LostSteps(NamedTuple):
 @inlined
 def add_lost_step(known: LostSteps, force: Vec3, lost: float, dt_s: float) -> LostSteps:
     """Add a step's mean ``force`` (FRD); it has ``lost`` a share of the vertical, 0 to 1."""
-    down = (-force[0], -force[1], -force[2])
-    off = 0.0
+    down, off = scale(-1.0, force), 0.0
     if square(known.down) * square(down) > 0.0:
-        off = min(angle_between_vectors(known.down, down) ** 2, MOST_APART_RAD**2)
+        off = apart_rad(known.down, down) ** 2
     size = norm(force) / STANDARD_GRAVITY_M_S2 - 1.0
     shaken = 2.0 * size * size
     proof = lost * off / (off + shaken) if off > 0.0 else 0.0  # thrust changes only its size

@@ -18,16 +18,16 @@ from estimator.conditioning.vertical.bias import (
 from estimator.conditioning.vertical.gravity import (
     GravityState,
     age_after_hole,
-    level,
+    level_to,
     long_share,
     observe_gravity,
 )
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, coefficients
 from estimator.conditioning.vertical.slow_acceleration import (
+    SCALE_ERROR,
     LostSteps,
     SlowAcceleration,
     add_lost_step,
-    least_variance,
     mean_tilt_variance,
     slow_variance,
     watch_slow,
@@ -40,10 +40,7 @@ from estimator.conditioning.vertical.stillness import (
 )
 from estimator.conditioning.vertical.tilt import (
     LEAST_OFF_RAD,
-    UNKNOWN,
-    StepNoise,
     TiltState,
-    fast_in_vehicle,
     force_after_turn,
     slowness,
     step_noise,
@@ -61,7 +58,7 @@ from estimator.geometry.quaternion import (
     rotate_inverse,
     subtract,
 )
-from estimator.types import ZERO_VEC3, Between, Quaternion, Vec3
+from estimator.types import ZERO_VEC3, Between, Quaternion, Sample, Vec3
 
 
 class VerticalState(NamedTuple):
@@ -84,31 +81,20 @@ class VerticalStep(NamedTuple):
     """The vertical's state after a learning step, and what it shows to field and events."""
 
     state: VerticalState
-    q_g_frd: Quaternion  # body to G, behind the last sample
+    mean: Gathered  # readings that it has learnt from, with frame G
     rate: Vec3  # mean, less the bias as it was before, rad/s, FRD
     aliasing: float  # variance of the turn that the gyroscope missed, rad^2
     clipped: float  # part of it that was beyond the gyroscope's end, rad^2
 
 
-class ForceWeight(NamedTuple):
-    """What a step's specific force counts for."""
-
-    tilt: TiltState  # after the step
-    inflation: float  # after the step, rad^2
-    share: float  # by which the vertical moves towards the force
-    weighed: float  # 1 if it moves by that share, 0 if the low-pass decides
-
-
 @inlined
-def begin_vertical(
-    state: VerticalState, q_g_frd: Quaternion, gyr: Vec3, acc: Vec3
-) -> VerticalState:
-    """The state at the first sample (FRD). Its force shows next to nothing of the vertical."""
-    gyr_smooth, acc_smooth = Smooth(gyr, ZERO_VEC3), Smooth(acc, ZERO_VEC3)
-    rest = RestState(gyr_smooth, acc_smooth, 0.0, 0.0, 0.0, False, False)
+def begin_vertical(state: VerticalState, q_g_frd: Quaternion, first: Sample) -> VerticalState:
+    """The state at the first sample. Its force shows next to nothing of the vertical."""
+    gyr, acc = first.gyr_rad_s, first.acc_m_s2
     size = norm(rotate(q_g_frd, acc))
     return state._replace(
-        rest=rest, tilt=UNKNOWN._replace(scatter=16.0 * LEAST_OFF_RAD**2, gyr=gyr, force=size)
+        rest=state.rest._replace(gyr=Smooth(gyr, ZERO_VEC3), acc=Smooth(acc, ZERO_VEC3)),
+        tilt=state.tilt._replace(scatter=16.0 * LEAST_OFF_RAD**2, gyr=gyr, force=size),
     )
 
 
@@ -124,84 +110,84 @@ def learn_vertical(
 
     ``force_scatter`` (rad^2) is how far the force of a second usually is off the vertical.
     """
-    dt = mean.time_s
-    k = before.coefficients
+    dt, k = mean.time_s, before.coefficients
     interval_s = k.dt_s
     if dt != interval_s or before.averaging.factor != k.factor:
         k = coefficients(params, dt, before.averaging.factor)
-    rest, still = look_for_rest(params, k, before, mean)
+        before = before._replace(coefficients=k)
+    rest, still = look_for_rest(params, before, mean)
     rate = subtract(mean.gyr, before.estimate.bias_rad_s)
     down = rotate_inverse(mean.q_g_frd, down_of(before.gravity.q_6d_g))
     p = before.estimate.covariance
     # a slow stream's rates are of whole mrad/s, so rest shows no more than motion
     unknown = max((p[0] + p[4] + p[7]) / 3.0, params.bias_motion_sigma_rad_s**2)
-    before = before._replace(tilt=before.tilt._replace(drift=before.tilt.drift + unknown * dt))
-    noise = step_noise(params, before.tilt, mean.gyr, rate, down, dt, interval_s, between)
-    clipped = aliased_turn(mean.clipping, down)
-    before, most = hold_by_mean_tilt(params, before, mean, noise.tilt)
-    weight = weigh_force(params, k, before, mean, noise, clipped[0], force_scatter, most)
-    share, slow, weighed = weight.share, slowness(params, dt), weighing(params, dt)
-    gravity = observe_gravity(params, k, before.gravity, mean.gravity_g, share, weight.weighed)
+    tilt = before.tilt._replace(drift=before.tilt.drift + unknown * dt)
+    tilt, yaw_noise = step_noise(params, tilt, mean, rate, down, interval_s, between)
+    aliasing, clipped = tilt.aliasing, aliased_turn(mean.clipping, down)
+    now, most = hold_by_mean_tilt(params, before._replace(tilt=tilt), mean)
+    now, share, follows = weigh_force(params, now, mean, clipped[0], force_scatter, most)
+    slow, weighed = slowness(params, dt), weighing(params, dt)
+    gravity = observe_gravity(params, k, now.gravity, mean.gravity_g, share, follows)
     gravity = age_after_hole(gravity, share, slow, dt, interval_s)
-    gravity, step = level(gravity)
+    q_6d_g, step = level_to(gravity.q_6d_g, gravity.force.down.value)
+    gravity = gravity._replace(q_6d_g=q_6d_g)
     age_s = gravity.force.age_s
     axes = axes_of(multiply(gravity.q_6d_g, mean.q_g_frd))
-    yaw_noise = slow * noise.yaw_noise + clipped[1]
-    estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), yaw_noise)
-    lagged = lag(params, k, before.lagged, axes, estimate.bias_rad_s, age_s, share, weight.weighed)
-    was_known = before.gravity.force.age_s > params.gravity_tau_s
+    unseen = slow * yaw_noise + clipped[1]
+    estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), unseen)
+    lagged = lag(params, k, before.lagged, axes, estimate.bias_rad_s, age_s, share, follows)
     if rest.resting and params.use_rest:
         estimate = learn_at_rest(params, k, estimate, axes, rest, still)
-    if params.use_motion_bias and was_known:
+    if params.use_motion_bias and before.gravity.force.age_s > params.gravity_tau_s:
         # of the vertical's own variance: what a step of that share moves by
-        unseen = max(slow * noise.tilt, weighed * share * weight.tilt.variance) / dt**2
+        unseen = max(slow * aliasing, weighed * share * now.tilt.variance) / dt**2
         estimate = learn_in_motion(params, k, estimate, lagged, step, unseen)
-    state = VerticalState(
+    averaging = before.averaging
+    if rest.resting:
+        averaging = averaging_at_rest(params, averaging, dt)
+    elif weighed <= 0.0 and age_s > params.gravity_tau_s:
+        unknown_bias = (p[0] + p[4] + p[7]) / 3.0
+        rate_g = rotate(mean.q_g_frd, rate)
+        averaging = follow_averaging(params, averaging, mean.gravity_g, rate_g, unknown_bias, dt)
+    state = now._replace(
         estimate=estimate,
-        averaging=learn_averaging(params, before, gravity, rest, mean, rate),
+        averaging=averaging,
         gravity=gravity,
-        tilt=weight.tilt,
-        slow=follow_slow(params, before, gravity, mean.gravity_g, noise.tilt, k),
-        inflation=weight.inflation,
+        slow=follow_slow(params, now, gravity, mean.gravity_g),
         rest=rest,
         still=still,
-        lost=before.lost,
         lagged=lagged,
-        coefficients=k,
     )
     beyond = clipped[0] + clipped[1]
-    missed = noise.tilt + noise.yaw_noise + beyond
-    return VerticalStep(state, mean.q_g_frd, rate, missed, beyond)
+    return VerticalStep(state, mean, rate, aliasing + yaw_noise + beyond, beyond)
 
 
 @inlined
 def look_for_rest(
-    params: ConditioningParams, k: Coefficients, before: VerticalState, mean: Gathered
+    params: ConditioningParams, before: VerticalState, mean: Gathered
 ) -> tuple[RestState, Stillness]:
     """Whether gyroscope and accelerometer rest, and whether gravity and field bear that out."""
-    dt = mean.time_s
-    rest = observe_rest(params, k.rest, before.rest, mean.gyr, mean.acc, dt)
+    k = before.coefficients.rest
+    rest = observe_rest(params, k, before.rest, mean.gyr, mean.acc, mean.time_s)
     shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
-    field = rotate_inverse(mean.q_g_frd, mean.field_g)
-    still = watch_stillness(params, before.still, rest, shown, field, mean.field_s > 0.0, dt)
+    still = watch_stillness(params, before.still, rest, shown, mean)
     return rest._replace(resting=(rest.resting and not still.contradicted) or still.proven), still
 
 
 @inlined
 def hold_by_mean_tilt(
-    params: ConditioningParams, before: VerticalState, mean: Gathered, aliasing: float
+    params: ConditioningParams, before: VerticalState, mean: Gathered
 ) -> tuple[VerticalState, float]:
-    """A slow step's vertical with what it has lost taken from the mean one, and its variance now.
+    """A slow step's vertical with what it has lost taken from the mean one.
 
-    The step has missed a turn of the variance ``aliasing``. Nothing is less certain than the mean
-    vertical; both are in rad^2.
+    The second value is the mean one's variance (rad^2): nothing is less certain.
     """
     dt, steps, gravity, force = mean.time_s, before.lost, before.gravity, before.gravity.force
     slow = slowness(params, dt)
     if slow <= 0.0:
         return before, ANY_DIRECTION_VARIANCE
     most = mean_tilt_variance(steps, slow_variance(before.slow), dt)
-    lost = slow * max(0.0, 1.0 - most / (before.tilt.variance + aliasing))
+    lost = slow * max(0.0, 1.0 - most / (before.tilt.variance + before.tilt.aliasing))
     if steps.seen_s > 0.0:
         g = rotate(mean.q_g_frd, steps.down)
         down = Smooth(approach(force.down.value, g, lost), ZERO_VEC3)
@@ -213,20 +199,20 @@ def hold_by_mean_tilt(
 @inlined
 def weigh_force(
     params: ConditioningParams,
-    k: Coefficients,
     before: VerticalState,
     mean: Gathered,
-    noise: StepNoise,
     clipped: float,
     force_scatter: float,
     most: float,
-) -> ForceWeight:
+) -> tuple[VerticalState, float, float]:
     """How much the step's mean force counts, against what was known of the vertical.
 
-    ``clipped`` (rad^2) is the variance of a turn beyond the gyroscope's end. After that, or after a
-    turn that no sensor has felt, the force may show more than the low-pass would take. ``most``
-    (rad^2) is the largest variance of the vertical. Such a turn's force counts until the published
-    low-pass is as quick; until then the levelling one follows likewise.
+    Returns the state with the vertical's certainty, the share by which it moves towards the force,
+    and 1 if that share decides, 0 if the low-pass does.
+
+    ``clipped`` (rad^2) is the variance of a turn beyond the gyroscope's end, ``most`` the largest
+    of the vertical. After such a turn, or one that no sensor has felt, the force counts for more
+    than the low-pass would take, until the published low-pass is as quick.
     """
     dt = mean.time_s
     weighed = weighing(params, dt)
@@ -235,61 +221,36 @@ def weigh_force(
     warm_up = dt / age_s if age_s <= params.gravity_tau_s else 0.0
     resting = before.rest.resting
     slow_square = 0.0 if resting else weighed * slow_variance(before.slow)
-    least = 0.0 if resting else least_variance(before.slow)
+    # t^2 = 2 (1 - cos t) of what shows that the vertical is wrong
+    least = 0.0 if resting else max(0.0, 2.0 * (1.0 - before.slow.along - SCALE_ERROR))
     scatter = before.tilt.scatter
     if resting:  # shaking has ended: a reading is off by no more than its own error
         share = before.lost.proofs / (1.0 + before.lost.proofs)
         scatter += share * (min(scatter, 4.0 * LEAST_OFF_RAD**2) - scatter)
-    variance = max(before.tilt.variance, least) + weighed * inflation + noise.tilt
+    variance = max(before.tilt.variance, least) + weighed * inflation + before.tilt.aliasing
     known = before.tilt._replace(variance=min(variance, most), scatter=scatter)
-    tilt, share = update_tilt(
-        params, known, noise, down_g, mean.gravity_g, dt, slow_square, warm_up
-    )
+    tilt, share = update_tilt(params, known, down_g, mean.gravity_g, dt, slow_square, warm_up)
     inflation *= 1.0 - weighed
     if inflation > 0.0:
-        least_share = dt / (max(1.0, k.factor) * params.gravity_tau_s)
+        least_share = dt / (max(1.0, before.coefficients.factor) * params.gravity_tau_s)
         inflation, anew = force_after_turn(inflation, force_scatter, dt, least_share)
         if anew > max(warm_up, weighed * share):
-            return ForceWeight(tilt, inflation, anew, 1.0)
-    return ForceWeight(tilt, inflation, share, weighed)
+            share, weighed = anew, 1.0
+    return before._replace(tilt=tilt, inflation=inflation), share, weighed
 
 
 @inlined
 def follow_slow(
-    params: ConditioningParams,
-    before: VerticalState,
-    now: GravityState,
-    u: Vec3,
-    aliasing: float,
-    k: Coefficients,
+    params: ConditioningParams, before: VerticalState, now: GravityState, u: Vec3
 ) -> SlowAcceleration:
     """What shows accelerations that last after a step; a rest shows nothing of them."""
-    if weighing(params, k.dt_s) == 0.0:
+    k = before.coefficients
+    weighed = weighing(params, k.dt_s)
+    if weighed == 0.0:
         return before.slow
     if before.rest.resting:
         return before.slow._replace(seen_s=before.slow.seen_s + k.dt_s)
     f, down_g = now.force, before.gravity.force.down.value
     share = long_share(k, f.age_s)
-    carried = fast_in_vehicle(params, k.dt_s)
-    return watch_slow(before.slow, u, f.quick, down_g, share, aliasing, carried, k.dt_s)
-
-
-@inlined
-def learn_averaging(
-    params: ConditioningParams,
-    before: VerticalState,
-    gravity: GravityState,
-    rest: RestState,
-    mean: Gathered,
-    rate: Vec3,
-) -> Averaging:
-    """For how long the force is averaged after a step; a second of a slow stream is one reading."""
-    state, dt_s = before.averaging, mean.time_s
-    if rest.resting:
-        return averaging_at_rest(params, state, dt_s)
-    if weighing(params, dt_s) > 0.0 or gravity.force.age_s <= params.gravity_tau_s:
-        return state
-    p = before.estimate.covariance
-    rate_g = rotate(mean.q_g_frd, rate)
-    unknown = (p[0] + p[4] + p[7]) / 3.0
-    return follow_averaging(params, state, mean.gravity_g, rate_g, unknown, dt_s)
+    carried = weighed - slowness(params, k.dt_s)
+    return watch_slow(before.slow, u, f.quick, down_g, share, before.tilt.aliasing, carried, k.dt_s)

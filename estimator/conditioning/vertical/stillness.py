@@ -9,10 +9,20 @@ from math import sqrt
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import LATELY_S, QUICK_S, ConditioningParams
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.vertical.lowpass import LowPass, Smooth, approach, smooth
-from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
+from estimator.geometry.quaternion import (
+    add,
+    cross,
+    dot,
+    rotate_inverse,
+    scale,
+    square,
+    subtract,
+    unit,
+)
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec2, Vec3
 
 
@@ -36,10 +46,9 @@ def observe_rest(
 
     Quiet: the root mean square of a - a_lp under its threshold, that of g - g_lp under the largest
     usual bias; at rest every rate is, too, after VQF (Laidig and Seel 2023, doi
-    10.1016/j.inffus.2022.10.014). Idling rotors shake single samples further. Comparing with the
-    low-pass before it takes the sample keeps the test's meaning at a few samples a second. A slow
-    steady turn looks the same, and a poor gyroscope at rest looks like a turn:
-    :func:`watch_stillness` separates them.
+    10.1016/j.inffus.2022.10.014). Comparing with the low-pass before it takes the sample keeps the
+    test's meaning at a few samples a second. :func:`watch_stillness` separates a rest from a slow
+    steady turn.
     """
     limit = params.bias_limit_rad_s
     gyr_off = square(subtract(gyr, state.gyr.value)) / (limit * limit)
@@ -94,22 +103,17 @@ NOT_STEADY = Stillness()
 
 @inlined
 def watch_stillness(
-    params: ConditioningParams,
-    before: Stillness,
-    rest: RestState,
-    rate: Vec3,
-    field: Vec3,
-    has_field: bool,
-    dt_s: float,
+    params: ConditioningParams, before: Stillness, rest: RestState, rate: Vec3, mean: Gathered
 ) -> Stillness:
-    """The state after a step with a low-passed ``rate`` (less the bias) and a ``field``, in FRD.
+    """The state after a step with a low-passed ``rate`` (less the bias, FRD) and a mean field.
 
     The field is low-passed as both other sensors are. In a banked turn the force stands still in
     the body, and the field does not.
     """
+    dt_s, down = mean.time_s, unit(rest.acc.value)
     smooth, mean_field, wait_s = before.field, before.mean_field, before.wait_s + dt_s
-    down = unit(rest.acc.value)
-    if has_field:
+    if mean.field_s > 0.0:
+        field = rotate_inverse(mean.q_g_frd, mean.field_g)
         smooth = approach(smooth, field, wait_s / (QUICK_S + wait_s))
         mean_field = mean_after(mean_field, unit(smooth), rate, wait_s)
         wait_s = 0.0
@@ -214,8 +218,7 @@ def turn_of_down(shown: float, seen: float, rate: float, variance: float) -> Vec
 def turn_of_level(shown: Vec3, seen: Vec3, rate: Vec3) -> tuple[Vec3, float]:
     """The rate about level axes at which the body turns, and its variance about each.
 
-    ``seen`` is the turn (rad) during the time in which the gyroscope, at ``rate`` beyond its bias,
-    showed ``shown``. The prior of the turn is as large as ``rate``.
+    As :func:`turn_of_down` has it; the prior of the turn is as large as ``rate``.
     """
     whole = square(shown) + STILL_RAD**2
     size = square(rate)

@@ -1,16 +1,16 @@
 """How well the vertical is known in G, and how fast it follows the specific force.
 
-Between two samples of a slow stream the gyroscope is aliased: only the change of its rate, and how
-much it has turned, show what the vehicle did. So the vertical has a variance. Each step's unseen
-turning adds to it, and each reading of the specific force takes from it. Their balance is the share
-by which the vertical follows the force: little in a long acceleration, nearly all of it after a
-second without a sample. Its root is the published uncertainty of slow streams.
+Between two samples of a slow stream the gyroscope is aliased. So the vertical has a variance: each
+step's unseen turning adds to it, and each reading of the specific force takes from it. Their
+balance is the share by which the vertical follows the force. Its root is the published uncertainty
+of slow streams.
 """
 
 from typing import NamedTuple
 
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import (
     ACCELERATION_LASTS_S,
     QUICK_S,
@@ -32,22 +32,11 @@ HOLE_RAD_S = 0.3
 LEAST_OFF_RAD = 0.009
 
 
-class StepNoise(NamedTuple):
-    """Variances (rad^2) of the turn that a step missed, and the changes of rate that show them."""
-
-    tilt: float  # about both horizontal axes together
-    yaw_noise: float  # about down
-    tilting: float  # what the rate does off its line about horizontal axes, squared, (rad/s)^2
-    yawing: float  # the same about down, (rad/s)^2
-    change: Vec3  # of the rate since the step before, rad/s, FRD
-    gyr: Vec3  # of the step, rad/s, FRD
-
-
 class TiltState(NamedTuple):
     """How well the vertical is known in G."""
 
-    variance: float = 0.0  # of its direction, rad^2
-    fresh: float = 0.0  # the same if no acceleration lasted, rad^2
+    variance: float = ANY_DIRECTION_VARIANCE  # of its direction, rad^2
+    fresh: float = ANY_DIRECTION_VARIANCE  # the same if no acceleration lasted, rad^2
     scatter: float = 0.0  # mean square angle of the specific force about it, rad^2
     tilting: float = 0.0  # mean square of what the rate does off its line about horizontal axes
     yawing: float = 0.0  # the same about down, (rad/s)^2
@@ -56,10 +45,7 @@ class TiltState(NamedTuple):
     changed: float = 0.0  # mean square of that
     force: float = 0.0  # mean size of the specific force, m/s^2
     drift: float = 0.0  # covariance of its error and the gyroscope's bias about an axis, rad^2/s
-    aliasing: float = 0.0  # variance of the turn about horizontal axes that the last step missed
-
-
-UNKNOWN = TiltState(ANY_DIRECTION_VARIANCE, ANY_DIRECTION_VARIANCE)
+    aliasing: float = 0.0  # variance of the turn about both horizontal axes the last step missed
 
 
 @inlined
@@ -75,48 +61,42 @@ def weighing(params: ConditioningParams, dt_s: float) -> float:
     """1 if the vertical's own variance weighs the force, 0 if averaging does.
 
     It does so for slow streams and in vehicles: their accelerations outlast any average, and an
-    autopilot's gyroscope bridges them. A hand's accelerations are short and its turns quick, so
-    there the average is better.
+    autopilot's gyroscope bridges them. For a hand's short accelerations the average is better.
     """
     return 1.0 if params.in_vehicle else slowness(params, dt_s)
-
-
-@inlined
-def fast_in_vehicle(params: ConditioningParams, dt_s: float) -> float:
-    """1 for a vehicle's fast stream, 0 for slow streams and for a hand's."""
-    return weighing(params, dt_s) - slowness(params, dt_s)
 
 
 @inlined
 def step_noise(
     params: ConditioningParams,
     state: TiltState,
-    gyr: Vec3,
+    mean: Gathered,
     rate: Vec3,
     down: Vec3,
-    dt_s: float,
     before_s: float,
     between: Between,
-) -> StepNoise:
-    """Variances of the turn that one step has missed, about horizontal axes (both) and down.
+) -> tuple[TiltState, float]:
+    """The state with what a step has missed about horizontal axes, and the variance about down.
 
-    The mean of two independent readings is off that over the step by q = dt^2 |w''|^2 / 12, with
-    w'' by which the last one lies off the line through the two before. For a random walk of the
-    rate it is half of that, for a motion that the samples show next to nothing: L^2 of that, with L
-    = |w''|^2 / (3 |dw|^2), 1 of independent readings and 2/3 of a walk, by the changes dw from
-    reading to reading. With other readings within the step, a time s apart, the rate walks between
-    those: q = dt s |dw|^2 / 12. Added to that are (a s^2 |w|)^2 dt/s, and 4 C dt for both axes by a
-    gyroscope bias of the variance b^2, (rad/s)^2 about an axis, which turns the vertical ever
-    further: C <- C + b^2 dt (done already in ``state``).
+    Both variances are in rad^2. The mean of two independent readings is off that over the step by
+    q = dt^2 |w''|^2 / 12, with w'' by which the last one lies off the line through the two before.
+    A random walk of the rate leaves half of that, a motion that the samples show next to nothing:
+    L^2 of that, with L = |w''|^2 / (3 |dw|^2), by the changes dw from reading to reading. With
+    other readings within the step, a time s apart, the rate walks between those: q = dt s |dw|^2 /
+    12. Added to that are (a s^2 |w|)^2 dt/s, and 4 C dt for both axes by a gyroscope bias of the
+    variance b^2, (rad/s)^2 about an axis: C <- C + b^2 dt (done already in ``state``).
     """
-    change = subtract(gyr, state.gyr)
+    dt_s, change = mean.time_s, subtract(mean.gyr, state.gyr)
     changed, seen_s = dot(change, change), dt_s
     if between.given:
         seen_s = between.step_s
         off, factor = between.change_rad_s, dt_s * seen_s / 12.0
     else:
         off = subtract(change, scale(min(1.0, dt_s / max(before_s, TINY)), state.change))
-        factor = unseen_factor(state, dot(off, off), changed, dt_s)
+        # one small difference may be chance, so the mean over the last seconds is the least
+        usual = (state.tilting + state.yawing) / (1.0 + 2.0 * MOST_ERROR)
+        like = likeness(max(dot(off, off), usual), max(changed, state.changed))
+        factor = like * like * dt_s * dt_s / 12.0
     along, all_of_it = dot(off, down) ** 2, dot(off, off)
     tilting = max(0.0, all_of_it - along) + MOST_ERROR * all_of_it
     yawing = along + MOST_ERROR * all_of_it
@@ -127,42 +107,25 @@ def step_noise(
     turn_factor = dt_s / seen_s * (params.step_turn_noise_1_s * seen_s * seen_s) ** 2
     tilt = factor * max(tilting, state.tilting)
     yaw_noise = factor * max(yawing, state.yawing)
+    tilt += turn_factor * (max(0.0, turning - about_down) + MOST_ERROR * turning)
+    yaw_noise += turn_factor * (about_down + MOST_ERROR * turning)
     hole = HOLE_RAD_S**2 * max(0.0, dt_s - SPAN_S) ** 2
-    return StepNoise(
-        tilt=tilt
-        + turn_factor * (max(0.0, turning - about_down) + MOST_ERROR * turning)
-        + GYR_NOISE**2 * dt_s
-        + 4.0 * state.drift * dt_s
-        + hole,
-        yaw_noise=yaw_noise
-        + turn_factor * (about_down + MOST_ERROR * turning)
-        + GYR_NOISE**2 * dt_s
-        + hole,
-        tilting=tilting,
-        yawing=yawing,
+    c = dt_s / (ACCELERATION_LASTS_S + dt_s)
+    state = state._replace(
+        tilting=state.tilting + c * (tilting - state.tilting),
+        yawing=state.yawing + c * (yawing - state.yawing),
+        gyr=mean.gyr,
         change=change,
-        gyr=gyr,
+        changed=state.changed + c * (changed - state.changed),
+        aliasing=tilt + GYR_NOISE**2 * dt_s + 4.0 * state.drift * dt_s + hole,
     )
-
-
-@inlined
-def unseen_factor(state: TiltState, off: float, changed: float, dt_s: float) -> float:
-    """L^2 dt^2/12 (s^2), with L of :func:`step_noise`, by squared differences of rates.
-
-    A rate is ``off`` the line through the two before it and has ``changed`` since the last one.
-
-    One small difference may be chance, so the mean over the last seconds is the least.
-    """
-    usual = (state.tilting + state.yawing) / (1.0 + 2.0 * MOST_ERROR)
-    like = likeness(max(off, usual), max(changed, state.changed))
-    return like * like * dt_s * dt_s / 12.0
+    return state, yaw_noise + GYR_NOISE**2 * dt_s + hole
 
 
 @inlined
 def update_tilt(
     params: ConditioningParams,
     state: TiltState,
-    noise: StepNoise,
     down_g: Vec3,
     u: Vec3,
     dt_s: float,
@@ -177,9 +140,7 @@ def update_tilt(
     by expectation, (r/(P + r))^2 v^2 + P r/(P + r). Longer accelerations add ``slow_square``
     (rad^2). The share is at least ``least_share``.
     """
-    p = state.variance
-    size = norm(u)
-    mean = state.force
+    p, mean, size = state.variance, state.force, norm(u)
     unusual = size / mean - 1.0 if mean > 0.0 else 0.0
     r = state.scatter + unusual**2
     brief = r * max(1.0, 2.0 * QUICK_S / dt_s)
@@ -190,23 +151,14 @@ def update_tilt(
     expected = (of_force * off) ** 2 + p * of_force
     a = dt_s / (params.scatter_tau_s + dt_s)
     b = dt_s / (USUAL_S + dt_s) if abs(unusual) < 0.2 else 0.1 * dt_s / (USUAL_S + dt_s)
-    c = dt_s / (ACCELERATION_LASTS_S + dt_s)
-    return (
-        TiltState(
-            variance=(1.0 - share) ** 2 * p + share * share * white,
-            fresh=p * brief / (p + brief),
-            scatter=state.scatter + a * (max(expected, 4.0 * LEAST_OFF_RAD**2) - state.scatter),
-            tilting=state.tilting + c * (noise.tilting - state.tilting),
-            yawing=state.yawing + c * (noise.yawing - state.yawing),
-            gyr=noise.gyr,
-            change=noise.change,
-            changed=state.changed + c * (dot(noise.change, noise.change) - state.changed),
-            force=mean + b * (size - mean),
-            drift=(1.0 - share) * state.drift,
-            aliasing=noise.tilt,
-        ),
-        share,
+    state = state._replace(
+        variance=(1.0 - share) ** 2 * p + share * share * white,
+        fresh=p * brief / (p + brief),
+        scatter=state.scatter + a * (max(expected, 4.0 * LEAST_OFF_RAD**2) - state.scatter),
+        force=mean + b * (size - mean),
+        drift=(1.0 - share) * state.drift,
     )
+    return state, share
 
 
 @inlined
@@ -216,9 +168,8 @@ def force_after_turn(
     """The inflation that a reading of the force leaves, and a Kalman filter's share of it.
 
     ``inflation`` (rad^2) is the variance that an unsensed turn has given the vertical,
-    ``force_scatter`` how far the mean of ``SPAN_S`` usually is off. A reading's noise, were it
-    white, is R = force_scatter 2 tau/dt for quick and slow accelerations alike. K = D/(D + R), D <-
-    (1 - K) D. Once the low-pass is as quick, by ``least_share``, both are zero.
+    ``force_scatter`` how far the mean of ``SPAN_S`` usually is off, so that a reading's noise is
+    force_scatter 2 tau/dt. Once the low-pass is as quick, by ``least_share``, both are zero.
     """
     noise = (force_scatter + LEAST_OFF_RAD**2) * 2.0 * SPAN_S / dt_s
     share = inflation / (inflation + noise)

@@ -14,6 +14,7 @@ from estimator.conditioning.events.axis_signs import (
     watch_axes,
 )
 from estimator.conditioning.events.jump_signs import JumpSigns
+from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import LONG_S, SPAN_S
 from estimator.conditioning.robust import FAR
 from estimator.conditioning.state import initial_state
@@ -39,7 +40,7 @@ def step_of(q_g_frd, rate, bias=ZERO, down=(0.0, 0.0, 9.8), quick=(0.0, 0.0, 9.8
         estimate=state.estimate._replace(bias_rad_s=bias),
         coefficients=Coefficients(gravity_share=DT_S / PARAMS.gravity_tau_s),
     )
-    return VerticalStep(state, q_g_frd, rate, 0.0, 0.0)
+    return VerticalStep(state, Gathered(q_g_frd), rate, 0.0, 0.0)
 
 
 def after(

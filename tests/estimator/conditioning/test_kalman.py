@@ -145,8 +145,7 @@ def body_that_has_turned(rng):
         lag_s=0.01, offset=tuple(rng.normal(0.0, 0.02, 3)), covariance=upper_of(p), scale=0.46
     )
     turning = tuple(rng.normal(0.0, 1.0, 3))
-    means = state.means._replace(axes=past, turning=turning)
-    return state._replace(learnt=learnt, means=means, age_s=2.0), axes_of(q)
+    return state._replace(learnt=learnt, axes=past, turning=turning, age_s=2.0), axes_of(q)
 
 
 @pytest.mark.parametrize("turned", [True, False])
@@ -158,17 +157,16 @@ def test_a_turning_body_shows_lag_and_own_field(rng, turned):
     state, axes = body_that_has_turned(rng)
     norm, gyr = 0.46, rng.normal(0.0, 2.0, 3)
     y = rng.normal((0.4, 0.1, 0.7), 0.1)
-    means = state.means._replace(field=tuple(y - rng.normal(0.0, 0.1, 3)))
-    state = state._replace(means=means, scatter=0.004)
+    state = state._replace(field=tuple(y - rng.normal(0.0, 0.1, 3)), scatter=0.004)
     after = calibration.learn_calibration(
         params, state, axes, tuple(gyr), tuple((norm * y).tolist()), norm, DT, 0.0
     ).learnt
 
     share = 1.0 - DT / (2.0 + DT)  # what is left of a difference once the mean has taken it
-    R, means = np.array(axes), state.means
-    dx = share * (np.cross(R @ gyr, y) - means.turning)
-    dy = share * (y - means.field)
-    rows = share * (R - np.array(means.axes)) * turned
+    R = np.array(axes)
+    dx = share * (np.cross(R @ gyr, y) - state.turning)
+    dy = share * (y - state.field)
+    rows = share * (R - np.array(state.axes)) * turned
     walk = DT / FORGET_S
     grown = [PARAMS.field_offset_sigma**2 * walk] * 3 + [PARAMS.field_lag_sigma_s**2 * walk]
     x, p = np.array([*state.learnt.offset, 0.01]), square(state.learnt.covariance)
