@@ -53,7 +53,6 @@ def reported(printed: Callable[..., str]) -> Callable[..., Any]:
 
 @pytest.fixture
 def replayed(reported: Callable[..., Any]) -> Callable[..., Any]:
-    """The report of a replay."""
     return lambda *arguments: reported("replay", *arguments)
 
 

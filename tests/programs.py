@@ -3,7 +3,10 @@
 import os
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
+
+import pytest
 
 import estimator
 
@@ -24,17 +27,31 @@ def can_mount(probe):
 def run_python(
     *command, timeout_s, folder=None, check=True, through=(), inherited=os.environ, **environment
 ):
-    """Run ``python *command`` with these additions to its environment, ``through`` another one."""
+    """Run ``python *command``, ``through`` another command; with ``check`` it has to end well."""
     path = os.pathsep.join(filter(None, [ROOT, os.environ.get("PYTHONPATH", "")]))
-    return subprocess.run(
+    done = subprocess.run(
         [*through, sys.executable, *command],
         env={**inherited, "PYTHONPATH": path, **environment},
         cwd=folder,
         capture_output=True,
         text=True,
-        check=check,
+        check=False,
         timeout=timeout_s,
     )
+    assert not check or done.returncode == 0, done.stderr
+    return done
+
+
+@contextmanager
+def largest_file(size):
+    """No file may have more bytes: that stands for a disk that is full."""
+    resource = pytest.importorskip("resource")
+    before, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, most))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (before, most))
 
 
 def set_trap(folder):

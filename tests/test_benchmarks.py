@@ -17,8 +17,7 @@ pytestmark = [pytest.mark.checkout, pytest.mark.slow]
 
 def run(name, *arguments):
     script = str(FOLDER / f"{name}.py")
-    done = run_python(script, *arguments, timeout_s=600, check=False, PYTHONWARNINGS="default")
-    assert done.returncode == 0, done.stderr
+    done = run_python(script, *arguments, timeout_s=600, PYTHONWARNINGS="default")
     assert "Traceback" not in done.stderr
     return done.stdout
 
@@ -34,7 +33,6 @@ def numbers_in(value):
 
 @pytest.fixture
 def printed(name, monkeypatch, capsys):
-    """What a benchmark prints."""
     if name == "live":  # it ends with the processes that it has started
         return run(name, "--smoke", "--json")
     # in this process: to import everything anew takes longer than most of them

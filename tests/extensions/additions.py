@@ -49,14 +49,12 @@ class HeadingsFile:
         self._file = Path(path).open("w", encoding="utf-8")  # noqa: SIM115 - until close
 
     def handle(self, outputs):
-        """See :class:`service.sinks.sink.Sink`."""
         for output in outputs:
             if isinstance(output, Published) and isinstance(output.record, AttitudeRecord):
                 print(output.vehicle.system_id, output.record.euler_deg[2], file=self._file)
         self._file.flush()
 
     def close(self):
-        """See :class:`service.sinks.sink.Sink`."""
         self._file.close()
 
 
@@ -67,7 +65,6 @@ HEADINGS = SinkEntry(
 
 
 def add():
-    """Put all three into the tables."""
     IMU_MESSAGES[HIL_SENSOR.number] = HIL_SENSOR
     MESSAGES[GPS2_RAW.number] = GPS2_RAW
     SOURCES[HeadingSample] = HEADING_SOURCE

@@ -24,7 +24,7 @@ from estimator.profile import load_profile, merge_profile, profile_to_toml
 from estimator.types import ImuSample
 from fuzzbee.log_replay import replay
 from fuzzbee.tune.read_flight import read_flight
-from tests.drivers.mavlink.messages import m
+from tests.drivers.mavlink.messages import PX4, UNIX, m
 from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample
 from tests.extensions.additions import GPS2_RAW, HIL_SENSOR
 from tests.flight import banked_flight
@@ -37,11 +37,9 @@ from tuning.flight import fly
 from tuning.online.retuner import RetunedEstimator
 from tuning.online.segment import fly_again
 
-UNIX_US = 1_700_000_000_000_000
 BEGIN_US = 1_000_000
 TURNED_RAD = 0.12  # less than what velocity contradicts
 FLIGHT = banked_flight(seconds=30.0)
-PX4 = 12
 # The field of the flight has no declination, as the profile has it.
 PROFILE = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 0.0}})
 
@@ -66,14 +64,13 @@ def frames(heading=True):
 
 
 def tlog(path, heading=True):
-    records = ((UNIX_US + us).to_bytes(8, "big") + data for us, data in frames(heading))
+    records = ((UNIX + us).to_bytes(8, "big") + data for us, data in frames(heading))
     path.write_bytes(b"".join(records))
     return path
 
 
 @pytest.fixture
 def added(monkeypatch):
-    """The tables of this process, with what is added."""
     monkeypatch.setitem(IMU_MESSAGES, HIL_SENSOR.number, HIL_SENSOR)
     monkeypatch.setitem(MESSAGES, GPS2_RAW.number, GPS2_RAW)
     monkeypatch.setitem(SOURCES, HeadingSample, HEADING_SOURCE)
@@ -81,7 +78,7 @@ def added(monkeypatch):
 
 def test_without_the_entries_nothing_is_known_of_them():
     wire = Wire(MavlinkDecoder(references=False))
-    events = [event for us, data in frames() for event in wire.events(data, UNIX_US + us)]
+    events = [event for us, data in frames() for event in wire.events(data, UNIX + us)]
     assert {type(event).__name__ for event in events} == {"Heartbeat"}
 
 
@@ -90,10 +87,10 @@ def test_under_overload_the_newest_of_each_stays():
     reader = FrameReader()
     every = [frame for _, data in frames() for frame in reader.feed(data)]
     queue = FrameQueue(most_waiting=len(every) - 1)
-    queue.add(UNIX_US, every)
+    queue.add(UNIX, every)
     kept = [frame.message_id for _, frame in queue.take(len(every))]
     assert sorted(kept) == [0, 32, 107, 124]
-    (shed,) = queue.take_shed(UNIX_US)
+    (shed,) = queue.take_shed(UNIX)
     assert (shed.vehicle, shed.message) == (VehicleId(1, 1), "HIL_SENSOR")
     assert shed.samples == len(FLIGHT.samples) - 1
 

@@ -90,7 +90,6 @@ def frame(rng):
 
 
 def frame_v1(kind, payload, sender):
-    """The frame as MAVLink 1."""
     body = bytes((len(payload), 0, *sender, kind.id)) + payload
     return b"\xfe" + body + struct.pack("<H", crc16.mcrf4xx(body + bytes((kind.crc_extra,))))
 
@@ -129,20 +128,6 @@ DATAFLASH_COLUMNS = {
     "MSG": "TimeUS,Message",
     "SIM": "TimeUS,Roll,Pitch,Yaw",
 }
-
-
-def dataflash(rows):
-    """A sound DataFlash log of IMU, MAG and ATT."""
-    log = DataflashWriter()
-    log.format("IMU", "QBffffff", DATAFLASH_COLUMNS["IMU"])
-    log.format("MAG", "QBhhh", DATAFLASH_COLUMNS["MAG"])
-    log.format("ATT", "QccC", DATAFLASH_COLUMNS["ATT"])
-    for k in range(rows):
-        time_us = 1_000_000 + 20_000 * k
-        log.write("IMU", time_us, 0, 0.1, 0.0, 0.0, 0.01 * k, 0.1, -9.8)
-        log.write("MAG", time_us, 0, 200, 10, 400)
-        log.write("ATT", time_us, 1.0, 2.0, 3.0)
-    return log.data
 
 
 def dataflash_formats(rng):
@@ -252,7 +237,6 @@ def clip(name, size):
 
 
 def assert_finite(value):
-    """No number in it is none."""
     assert not isinstance(value, float) or math.isfinite(value)
     if isinstance(value, dict | list | tuple):
         for each in value.values() if isinstance(value, dict) else value:

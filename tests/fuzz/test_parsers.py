@@ -21,6 +21,7 @@ from fuzzbee.replays.score import report_log
 from service.pipeline import MAX_VEHICLES, Pipeline
 from service.records import Published
 from service.sinks.zenoh import _json_object
+from tests.drivers.logs.test_dataflash import modern
 from tests.flight import banked_flight
 from tests.fuzz import cases
 from tests.service.flight_rig import ONE, START_US, Rig
@@ -108,7 +109,7 @@ def test_logs(tmp_path_factory, kind, rng):
                 cases.require_sound(pipeline.tick(event.arrival_us))
 
 
-SMALL = cases.dataflash(12)
+SMALL = modern(seconds=1).data
 WHOLE = [
     ULOG,
     cases.clip("sub_bluerov.tlog", 60_000),

@@ -12,10 +12,9 @@ from drivers.samples.imu_stream import Field, Stamp
 from drivers.samples.intake import Intake
 from drivers.samples.vehicle_clock import TimeField
 from estimator.types import ZERO_VEC3
+from tests.drivers.mavlink.messages import UNIX, S
 from tests.fuzz.cases import built, fuzzed
 
-S = 1_000_000
-UNIX_US = 1_700_000_000 * S
 NUMBERS = (1e300, -1e300, 3e38, 3e34, math.nan, math.inf, 0.0, -0.0, 5e-324, 9999.0, 10.0)
 
 
@@ -23,7 +22,7 @@ class Row:
     """A sample that is sound until something happens to it."""
 
     def __init__(self, k, period_us, rng):
-        self.raw_us, self.arrival_us = 500 * S + k * period_us, UNIX_US + k * period_us
+        self.raw_us, self.arrival_us = 500 * S + k * period_us, UNIX + k * period_us
         turn = 0.3 * math.sin(1e-6 * k * period_us)
         gyr = (turn, 0.1 - turn, 0.05)
         self.gyr, self.acc, self.mag = (

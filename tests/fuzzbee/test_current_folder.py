@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from functools import partial
 
 import pytest
 
@@ -14,11 +15,7 @@ from tests.programs import run_python, set_trap
 SCRIPT = "import sys\nfrom fuzzbee.cli import entry_point\nsys.exit(entry_point())\n"
 
 
-def run(folder, *command, **environment):
-    """What a command prints that ends well."""
-    done = run_python(*command, folder=folder, timeout_s=900, check=False, **environment)
-    assert done.returncode == 0, done.stderr
-    return done
+run = partial(run_python, timeout_s=900)
 
 
 @pytest.mark.parametrize(
@@ -37,7 +34,8 @@ def test_programs_in_the_current_folder_are_not_run(tmp_path, spelling, argument
     script.write_text(SCRIPT)
     if spelling == "module":  # without fuzzbee itself, which Python looks up before we can act
         shutil.rmtree(trap / "fuzzbee")
-    run(trap, *(["-m", "fuzzbee"] if spelling == "module" else [str(script)]), *arguments)
+    command = ["-m", "fuzzbee"] if spelling == "module" else [str(script)]
+    run(*command, *arguments, folder=trap)
     assert not (trap / "sprung").exists(), (trap / "sprung").read_text()
 
 
@@ -45,9 +43,9 @@ def test_settings_for_numba_in_the_current_folder_are_not_read(tmp_path):
     """A file that numba would end at, and would look for again at each compilation."""
     (tmp_path / ".numba_config.yaml").write_text("- 1")
     compiling = "import estimator, numba; numba.core.config.reload_config(); print('read')"
-    done = run(tmp_path, "-c", compiling)
+    done = run("-c", compiling, folder=tmp_path)
     assert (done.stdout, done.stderr) == ("read\n", "")
-    done = run(tmp_path, "-m", "fuzzbee", "replay", str(TAKEOFF), "--json")
+    done = run("-m", "fuzzbee", "replay", str(TAKEOFF), "--json", folder=tmp_path)
     assert ".numba_config" not in done.stderr
     assert json.loads(done.stdout)["imu"]
 
@@ -58,8 +56,8 @@ def test_neither_settings_for_plots_nor_modules_of_the_current_folder_are_read(t
     (tmp_path / "matplotlibrc").write_bytes(b"\xff\xff")
     for name in ("multiprocessing", "pickle", "random", "struct"):
         (tmp_path / f"{name}.py").write_text("open('sprung', 'a').write(__name__)")
-    run(tmp_path, "-m", "fuzzbee", "replay", str(TAKEOFF), "--plot", "plot.png")
-    run(tmp_path, "-m", "fuzzbee", "check", str(TAKEOFF), str(TAKEOFF))
+    run("-m", "fuzzbee", "replay", str(TAKEOFF), "--plot", "plot.png", folder=tmp_path)
+    run("-m", "fuzzbee", "check", str(TAKEOFF), str(TAKEOFF), folder=tmp_path)
     assert not (tmp_path / "sprung").exists()
 
 
@@ -76,7 +74,7 @@ RUN = ("run", "sim:", "--seconds", "0.5", "-l", "tcp/127.0.0.1:0", "-e", "tcp/12
 )
 def test_switches_of_libraries_are_named_and_not_used(command, switches, tmp_path):
     """Some would end the service."""
-    done = run(tmp_path, "-m", "fuzzbee", *command, "--json", **switches)
+    done = run("-m", "fuzzbee", *command, "--json", folder=tmp_path, **switches)
     first, *others = done.stderr.splitlines()
     assert first == f"fuzzbee: {', '.join(sorted(switches))}: not used by fuzzbee"
     assert not [line for line in others if "anic" in line or "Warning" in line]

@@ -11,11 +11,12 @@ import pytest
 
 from drivers.logs.open import ULOG_MAGIC
 from service.process import load_kernels
+from tests.drivers.logs.test_dataflash import modern
 from tests.drivers.logs.test_tlog import steady
-from tests.fuzz.cases import dataflash
 from tests.fuzzbee.recording import DATA, TAKEOFF
+from tests.programs import largest_file
 
-DATAFLASH = dataflash(400)
+DATAFLASH = modern(seconds=8).data
 ULOG = (DATA / "px4_hover.ulg").read_bytes()[:300_000]
 TLOG = (DATA / "rover_no_magnetometer.tlog").read_bytes()
 
@@ -41,7 +42,7 @@ UNUSABLE = {
     "packed.tlog": (gzip.compress(TLOG), "a compressed file"),
     "head.bin": (DATAFLASH[:80], NO_SAMPLE),
     "head.ulg": (ULOG[:900], NO_SAMPLE),
-    "tail.bin": (DATAFLASH[150:], NO_FRAME),  # without its IMU's format
+    "tail.bin": (DATAFLASH[328:], NO_FRAME),  # without its IMU's format
     "frames.tlog": (b"".join(each[8:] for each in steady(20)), "MAVLink without time stamps"),
 }
 USABLE = {
@@ -121,20 +122,15 @@ def test_no_log_is_overwritten_by_what_is_written_of_it(option, how, tmp_path, r
 
 
 def test_on_a_full_disk_the_files_of_before_stay(tmp_path, printed, refused):
-    """And no half of a new one beside them; a limit on the size of a file stands for the disk."""
-    resource = pytest.importorskip("resource")
+    """And no half of a new one beside them."""
     files = {o: tmp_path / f"out{s}" for o, s in {"--csv": ".csv", **SUFFIX}.items()}
     printed("replay", TAKEOFF)  # compiles what is lacking
     for file in files.values():
         file.write_text("before")
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, hard))
-    try:
+    with largest_file(10_000):
         for option, out in files.items():
             line = refused("replay", TAKEOFF, option, out, status=1)
             assert line == f"fuzzbee: {option} {out}: File too large, not written"
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert [file.read_text() for file in tmp_path.iterdir()] == ["before"] * len(files)
 
 

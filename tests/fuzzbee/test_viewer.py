@@ -24,6 +24,7 @@ from service.records import Evicted, Message, Published
 from tests.fuzzbee import browser
 from tests.fuzzbee.processes import descendants, is_loopback, listening, started
 from tests.fuzzbee.services import await_line, wait_for
+from tests.programs import largest_file
 from tests.service.records import UNIX_US, record, status
 
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
@@ -37,14 +38,10 @@ from tests.fuzzbee.screen import chunks, listing, numbers, rows
 ONE, TWO = VehicleId(1, 1), VehicleId(2, 1)
 
 
-def at_time(attitude, after_us):
-    return msgspec.structs.replace(attitude, time_unix_us=UNIX_US + after_us)
-
-
 def attitudes(vehicle, count, period_us, yaw_from=0.0, yaw_step=1.0):
     for n in range(count):
-        turned = record(yaw_deg=(yaw_from + n * yaw_step) % 360.0)
-        yield Published(vehicle, at_time(turned, n * period_us))
+        yaw_deg, time_us = (yaw_from + n * yaw_step) % 360.0, UNIX_US + n * period_us
+        yield Published(vehicle, record(yaw_deg=yaw_deg, time_unix_us=time_us))
 
 
 def beside(output, source):
@@ -101,7 +98,7 @@ def test_what_is_measured_is_drawn_in_ned_as_it_points(tmp_path):
     acc = rotate(conjugate(banked.q_ned_frd), (0.0, 0.0, -STANDARD_GRAVITY_M_S2))
     field = rotate(conjugate(banked.q_ned_frd), (0.5, 0.0, 0.0))
     sample = ImuSample(0, (0.0, 0.0, 0.0), acc, field, has_mag=True)
-    file = drawn(tmp_path, [[Published(ONE, at_time(banked, 0), sample)]])
+    file = drawn(tmp_path, [[Published(ONE, banked, sample)]])
     assert numbers(file, "/bodies/1/gravity")[0] == pytest.approx([0.0, 0.0, 1.0], abs=1e-6)
     assert numbers(file, "/bodies/1/field")[0] == pytest.approx([1.0, 0.0, 0.0], abs=1e-6)
 
@@ -111,9 +108,10 @@ def test_what_is_measured_is_drawn_in_ned_as_it_points(tmp_path):
 )
 def test_how_far_others_are_off_is_left_out_where_time_decides(tmp_path, turn_rad_s, live, off_deg):
     """Live, in a fast turn, two messages are further apart than their attitudes; not in a log."""
-    ours = record(roll_deg=10.0, rate_rad_s=(0.0, 0.0, turn_rad_s))
+    times_us, rate_rad_s = (UNIX_US, UNIX_US + 500_000), (0.0, 0.0, turn_rad_s)
+    first, ours = (record(10.0, rate_rad_s=rate_rad_s, time_unix_us=us) for us in times_us)
     other = ("sim", (1.0, 0.0, 0.0, 0.0))
-    turns = [[Published(ONE, ours)], [Published(ONE, at_time(ours, 500_000), peers=(other,))]]
+    turns = [[Published(ONE, first)], [Published(ONE, ours, peers=(other,))]]
     off = numbers(drawn(tmp_path, turns, live=live), "/sigma/1/sim")
     assert off == ([] if off_deg is None else [[pytest.approx(off_deg)]])
 
@@ -122,8 +120,8 @@ def test_an_attitude_of_somebody_elses_is_compared_with_ours_of_its_time(tmp_pat
     """In a turn, by a slow stream."""
     rate_deg_s, turns = np.degrees(0.5), []
     for n in range(100):
-        ours = record(rate_deg_s * 0.05 * n, 30.0, 90.0, rate_rad_s=(0.5, 0.0, 0.0))
-        output = Published(ONE, at_time(ours, n * 50_000))
+        then = {"rate_rad_s": (0.5, 0.0, 0.0), "time_unix_us": UNIX_US + n * 50_000}
+        output = Published(ONE, record(rate_deg_s * 0.05 * n, 30.0, 90.0, **then))
         turns.append([beside(output, "sim") if n % 10 == 0 else output])
     differences = numbers(drawn(tmp_path, turns), "/sigma/1/sim")
     assert len(differences) == 10
@@ -145,19 +143,13 @@ def test_only_so_many_vehicles_are_drawn_as_can_be_read(tmp_path):
 
 
 def test_a_file_that_has_no_room_for_its_end_is_not_whole(tmp_path):
-    """A limit on the size of a file stands for the disk."""
-    resource = pytest.importorskip("resource")
     file = tmp_path / "flight.rrd"
     sink = ViewerSink(rrd=str(file))
     sink.handle([*attitudes(ONE, 100, 100_000)])
     sink.flush(10.0)
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size + 100, hard))
-    try:
-        with pytest.raises(NotWholeError, match="is not whole"):
-            sink.close()
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    size = file.stat().st_size + 100
+    with largest_file(size), pytest.raises(NotWholeError, match="is not whole"):
+        sink.close()
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux's way to name a screen")
@@ -259,6 +251,6 @@ def test_without_the_extra_its_option_is_refused_and_nothing_else(monkeypatch, r
 
 
 def test_points_go_on_though_the_host_s_clock_was_set_back(tmp_path):
-    before = Published(ONE, at_time(record(), 10_000_000))
+    before = Published(ONE, record(time_unix_us=UNIX_US + 10_000_000))
     turns = [[before], *([each] for each in attitudes(ONE, 10, 200_000))]
     assert rows(drawn(tmp_path, turns), "/tilt/1") == 1 + 11  # with the lines' names

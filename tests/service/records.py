@@ -37,6 +37,7 @@ def record(
     sigma_deg=(1.0, 5.0),
     sequence=0,
     state=State.RUNNING,
+    time_unix_us=UNIX_US,
 ):
     attitude = ATTITUDE._replace(
         q_ned_frd=from_euler_rad(radians(roll_deg), radians(pitch_deg), radians(yaw_deg)),
@@ -44,7 +45,7 @@ def record(
         sigma_inclination_rad=radians(sigma_deg[0]),
         sigma_heading_rad=radians(sigma_deg[1]),
     )
-    times = {"time_unix_us": UNIX_US, "time_boot_us": attitude.time_us, "age_us": 5_000}
+    times = {"time_unix_us": time_unix_us, "time_boot_us": attitude.time_us, "age_us": 5_000}
     return attitude_record(attitude, **times, state=state, sequence=sequence)
 
 

@@ -1,18 +1,13 @@
 """Faults of links, clocks and senders; that the estimate holds is its largest error in degrees."""
 
 import random
-from math import degrees
 
 import pytest
 
 from drivers.events import VehicleId
 from drivers.mavlink.encoder import FrameEncoder
-from drivers.simulation.simulated_vehicle import SimulatedVehicle
-from estimator.geometry.quaternion import rotate_inverse
 from service.records import State
-from tests.drivers.mavlink.messages import frame, m
-from tests.service.flight_rig import ONE, SETTLE_S, START_US, Rig, S, spiked, states
-from tests.truth.faults import Place, earth_field
+from tests.service.flight_rig import ONE, SETTLE_S, Rig, S, spiked, states
 
 
 def nothing(_frame):
@@ -237,31 +232,3 @@ def test_a_stepped_host_clock_leaves_the_estimate_alone(rig, step_s):
     assert rig.records[-1].state == "running"
     assert max(rig.errors_deg[100:]) == pytest.approx(1.40, rel=0.2)
     assert rig.records[-1].age_ms == 0.0
-
-
-def test_after_a_reboot_elsewhere_north_is_that_places():
-    """Declinations of -26 and 15 deg: with the first place's, the second heading is 41 deg off."""
-    rig = Rig("imu")
-    rig.samples = SimulatedVehicle(seed=0, rate_hz=50.0, motion="rest", noise=0.02, bias=0.0)
-    cape_town, seattle = Place(-33.93, 18.42), Place(47.61, -122.33)
-    apart_rad = earth_field(cape_town).declination_rad - earth_field(seattle).declination_rad
-    assert abs(degrees(apart_rad)) == pytest.approx(41.0, abs=1.0)
-    for place in (cape_town, seattle):
-        ned_gauss = earth_field(place).ned_gauss
-        fix = (3, round(1e7 * place.latitude_deg), round(1e7 * place.longitude_deg))
-
-        def there(sample, ned_gauss=ned_gauss):
-            return sample._replace(mag_gauss=rotate_inverse(sample.q_ned_frd, ned_gauss))
-
-        def with_fix(own, fix=fix):
-            boot_us = rig.now_us - START_US + rig.boot_shift_us
-            return [own, frame(m.MAVLink_gps_raw_int_message(boot_us, *fix, 0, 90, 90, 0, 0, 12))]
-
-        rig.fly(1.0, there)
-        before_fix_deg = rig.errors_deg
-        rig.fly(20.0, there, with_fix)
-        assert rig.records[-1].heading_reference == "true"
-        assert rig.errors_deg[-1] < 2.0
-        rig.boot_shift_us = START_US - rig.now_us
-    # until its position has come the old place's declination counts
-    assert max(before_fix_deg) == pytest.approx(41.0, abs=2.0)

@@ -6,10 +6,8 @@ from math import isclose
 import numpy as np
 import pytest
 
-from estimator.geometry.rotations import conjugate, rotate_inverse
-from estimator.types import STANDARD_GRAVITY_M_S2
 from tests.truth.faults import HEALTHY, KINDS, Fault, Place, earth_field, impair, sense
-from tests.truth.motions import FINE_HZ, MOTIONS, Draw, integrated
+from tests.truth.motions import MOTIONS, Draw
 from tests.truth.run import Case, judge
 
 LASTING_S = 3.0
@@ -251,19 +249,6 @@ def test_an_accelerometer_that_contradicts_field_and_velocity_is_named(rate_hz):
     for fault in (HEALTHY, Fault("gyroscope offset", 0, 0.1)):
         verdict = judge(Case("hover", fault, rate_hz=50.0))
         assert "accelerometer_contradicts" not in verdict.warnings
-
-
-@pytest.mark.parametrize("name", MOTIONS)
-def test_rate_and_force_of_a_motion_lead_to_its_attitude_and_velocity(name):
-    """The integrated readings agree to what the trapezoid leaves over at 200 Hz."""
-    motion = MOTIONS[name](Draw(seed=3))
-    down = rotate_inverse(motion.q_ned_frd, (0.0, 0.0, 1.0))
-    by_turning = rotate_inverse(integrated(motion.rate_rad_s, 0.0), down[0])
-    assert np.max(np.abs(by_turning - down)) < 0.02
-    push = rotate_inverse(conjugate(motion.q_ned_frd), motion.force_m_s2)
-    push[:, 2] += STANDARD_GRAVITY_M_S2
-    velocity = motion.velocity_m_s[0] + np.cumsum(push, axis=0) / FINE_HZ
-    assert np.max(np.abs(velocity - motion.velocity_m_s)) < 0.4  # m/s
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -2,6 +2,7 @@
 
 import math
 from statistics import median
+from types import SimpleNamespace
 
 import pytest
 
@@ -93,17 +94,8 @@ def test_samples_are_counted_that_were_left_out_before_the_first_was_taken():
     assert pipeline.vehicle(ONE).imu.shed == 8
 
 
-class GivenTime:
-    """A clock that a test moves on, in s."""
-
-    def __init__(self):
-        self.now_s = 0.0
-
-    def __call__(self):
-        return self.now_s
-
-    def unix_us(self):
-        return START_US + round(1e6 * self.now_s)
+def unix_us(now_s):
+    return START_US + round(1e6 * now_s)
 
 
 class SlowPipeline(Pipeline):
@@ -142,19 +134,18 @@ class GivenLink(FrameQueue):
             self._clock.now_s = min(end_s, self._clock.now_s + 1e-3)
             self._receive()
         events = [e for us, frame in self.take(16) for e in self._decoder.events(frame, us)]
-        return events + self.take_shed(self._clock.unix_us())
+        return events + self.take_shed(unix_us(self._clock.now_s))
 
     def _receive(self):
         """All that was sent until now, each millisecond's with its own time of arrival."""
         now_s = self._clock.now_s
         while self._sent_s + 1e-3 <= min(now_s, self._end_s):
             self._sent_s += 1e-3
-            unix_us = START_US + round(1e6 * self._sent_s)
-            self._fleet.send_due(1e6 * self._sent_s, unix_us, self._arrive)
+            self._fleet.send_due(1e6 * self._sent_s, unix_us(self._sent_s), self._arrive)
 
     def _arrive(self, data):
         self.sent += 1
-        self.add(START_US + round(1e6 * self._sent_s), self._reader.feed(data))
+        self.add(unix_us(self._sent_s), self._reader.feed(data))
 
 
 class Kept(Collector):
@@ -166,10 +157,10 @@ class Kept(Collector):
 
 def run_given(vehicles, load_s, seconds, room=4096, **slowness):
     """Runs a service on vehicles that send for ``load_s``; pipeline, link and outputs."""
-    clock, kept = GivenTime(), Kept()
+    clock, kept = SimpleNamespace(now_s=0.0), Kept()
     link, pipeline = GivenLink(clock, vehicles, load_s, room), SlowPipeline(clock, **slowness)
-    runner = Runner(link, pipeline, kept, rate_hz=50.0, now_us=clock.unix_us, monotonic_s=clock)
-    runner.run(seconds)
+    times = {"now_us": lambda: unix_us(clock.now_s), "monotonic_s": lambda: clock.now_s}
+    Runner(link, pipeline, kept, rate_hz=50.0, **times).run(seconds)
     return pipeline, link, kept.got
 
 

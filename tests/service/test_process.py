@@ -7,6 +7,7 @@ import socket
 import sys
 import threading
 import time
+from itertools import accumulate, chain, repeat
 
 import pytest
 
@@ -131,22 +132,12 @@ def test_the_compilers_code_takes_no_memory_once_kernels_are_loaded():
     assert int(done.stdout) < 8_000  # kB; 22,000 and more while they are loaded
 
 
-class LateClock:
-    """A clock of the schedule that leaps by ``late_s`` once, at the third look."""
-
-    def __init__(self, late_s):
-        self.now_s, self.late_s, self.looks = 10.0, late_s, 0
-
-    def __call__(self):
-        self.looks += 1
-        self.now_s += 1e-4 + (self.late_s if self.looks == 3 else 0.0)
-        return self.now_s
-
-
 @pytest.mark.parametrize(("late_s", "overruns"), [(0.0, 0), (0.004, 0), (0.032, 3), (3.0, 300)])
 def test_late_ticks_are_counted(late_s, overruns):
+    """The clock of the schedule leaps once, at the third look."""
+    steps_s = chain([10.0, 1e-4, late_s], repeat(1e-4))
     runner = Runner(Player([], 1.0), Pipeline(PAPER), Outbox([]), rate_hz=100.0,
-                    monotonic_s=LateClock(late_s))  # fmt: skip
+                    monotonic_s=accumulate(steps_s).__next__)  # fmt: skip
     runner.run(3.1)
     assert runner.overruns == overruns
 

@@ -136,7 +136,6 @@ VECTORS = ("q_ned_frd", "rate_rad_s", "gyro_bias_rad_s")
 
 
 def recorded(state=State.RUNNING, age_us=0, **changes):
-    """The record of an attitude with these changes."""
     turned = from_euler_rad(radians(10.0), radians(-20.0), radians(300.0))
     attitude = ATTITUDE._replace(**{"q_ned_frd": turned, **changes})
     times = {"time_unix_us": 1, "time_boot_us": 2, "age_us": age_us}
@@ -167,7 +166,7 @@ def test_numbers_keep_their_places():
     assert (made.sigma_deg.heading, made.age_ms) == (180.0, 0.0)
 
 
-@pytest.mark.parametrize("yaw_rad", [-1e-17, -6e-16, -8e-16, 0.0, pi, -pi, 2.0 * pi])
+@pytest.mark.parametrize("yaw_rad", [-1e-18, -1e-17, -6e-16, -8e-16, 0.0, pi, -pi, 2.0 * pi])
 def test_yaw_is_below_360_degrees(yaw_rad):
     made = recorded(q_ned_frd=from_euler_rad(0.0, 0.0, yaw_rad))
     assert 0.0 <= made.euler_deg[2] < 360.0

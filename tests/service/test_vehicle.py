@@ -21,6 +21,10 @@ def status(vehicle, now_us):
     return status_record(vehicle, now_us, Load(), 0)
 
 
+CLASS, CALIBRATED = "set_vehicle_class", "set_field_calibrated"
+WATCHED = {CLASS, CALIBRATED, "restart", "change_imu", "set_imu_lag", "update_report"}
+
+
 class Watched(Estimator):
     """An estimator that remembers what it was asked for."""
 
@@ -28,23 +32,16 @@ class Watched(Estimator):
         self.calls = []
         super().__init__(profile)
 
+    def __getattribute__(self, name):
+        found = super().__getattribute__(name)
+        if name not in WATCHED:
+            return found
+        return lambda *values: (self.calls.append((name, *values)), found(*values))[1]
+
     def lags_ms(self):
         """Those of gyroscope and accelerometer that it was given."""
         lags = [values for name, *values in self.calls if name == "set_imu_lag"]
         return [tuple(round(1e3 * lag_s, 2) for lag_s in each) for each in lags]
-
-
-def watched(name):
-    def call(self, *values):
-        self.calls.append((name, *values))
-        return getattr(Estimator, name)(self, *values)
-
-    return call
-
-
-CLASS, CALIBRATED = "set_vehicle_class", "set_field_calibrated"
-for each in (CLASS, CALIBRATED, "restart", "change_imu", "set_imu_lag", "update_report"):
-    setattr(Watched, each, watched(each))
 
 
 @pytest.fixture

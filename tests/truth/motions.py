@@ -77,16 +77,6 @@ def hover(draw: Draw) -> Motion:
     return motion._replace(vehicle_type=OCTOCOPTER, **shaken)
 
 
-def gentle_tilts(draw: Draw) -> Motion:
-    """A copter that leans by up to 15 deg."""
-    return _copter(draw, lean_rad=0.13, periods_s=(4.0, 15.0), yaw_rad_s=0.2)
-
-
-def vigorous_tilts(draw: Draw) -> Motion:
-    """A copter that leans by up to 40 deg."""
-    return _copter(draw, lean_rad=0.35, periods_s=(3.0, 10.0), yaw_rad_s=0.5)
-
-
 def slalom(speed_m_s: float) -> Callable[[Draw], Motion]:
     """A car that drives to the left and right of its way, flat."""
 
@@ -255,8 +245,8 @@ def _pulse(t: Floats, begin: float, end: float) -> Floats:
 MOTIONS: dict[str, Callable[[Draw], Motion]] = {
     "still": still,
     "hover": hover,
-    "gentle tilts": gentle_tilts,
-    "vigorous tilts": vigorous_tilts,
+    "gentle tilts": lambda draw: _copter(draw, 0.13, (4.0, 15.0), 0.2),  # by up to 15 deg
+    "vigorous tilts": lambda draw: _copter(draw, 0.35, (3.0, 10.0), 0.5),  # by up to 40 deg
     "slalom 12": slalom(12.0),
     "slalom 20": slalom(20.0),
     "slalom 30": slalom(30.0),

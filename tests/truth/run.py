@@ -9,7 +9,8 @@ import numpy as np
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from estimator.arrays import Floats
-from estimator.geometry.rotations import conjugate, exp, multiply
+from estimator.geometry.metrics import batch_angle_errors
+from estimator.geometry.rotations import exp, multiply
 from estimator.profile import load_profile
 from estimator.types import STANDARD_GRAVITY_M_S2
 from service.pipeline import Pipeline
@@ -72,18 +73,14 @@ class Verdict(NamedTuple):
     rejected: dict[str, float]  # likewise for what it counts as refused
 
 
-class _Said(NamedTuple):
-    """A published attitude, the row of its sample, and whether the last status warned."""
-
-    row: int
-    record: AttitudeRecord
-    is_warned: bool
+# A published attitude, the row of its sample, and whether the last status warned.
+Printed = list[tuple[AttitudeRecord, int, bool]]
 
 
 def judge(case: Case, profile: str = "imu") -> Verdict:
     """Fly a case and score it."""
     motion, readings = make(case)
-    printed: list[_Said] = []
+    printed: Printed = []
     warnings: dict[str, float] = {}
     rejected: dict[str, float] = {}
     service, wire = Pipeline(load_profile(profile)), Wire(MavlinkDecoder(references=False))
@@ -101,7 +98,7 @@ def judge(case: Case, profile: str = "imu") -> Verdict:
                         for word in now:
                             seen.setdefault(str(word), time_s)
                 case Published(record=AttitudeRecord() as record) if record.state == "running":
-                    printed.append(_Said(row, record, is_warned))
+                    printed.append((record, row, is_warned))
     running = len(printed) / len(readings.time_s)
     return Verdict(*_score(case, motion, readings, printed), running, warnings, rejected)
 
@@ -196,16 +193,15 @@ class _Reports:
 
 
 def _score(
-    case: Case, motion: Motion, readings: Readings, printed: list[_Said]
+    case: Case, motion: Motion, readings: Readings, printed: Printed
 ) -> tuple[float, float, float, Angle, Angle]:
     """The verdict's figures about errors and sigmas."""
-    time_s = readings.time_s[[one.row for one in printed]]
-    errors = _errors_deg(case, motion, readings, printed)
-    by_record = (one.record.sigma_deg for one in printed)
+    time_s = readings.time_s[[row for _, row, _ in printed]]
+    errors = _errors_deg(case, motion, time_s, [record for record, *_ in printed])
+    by_record = (record.sigma_deg for record, *_ in printed)
     sigmas = np.array([(s.inclination, s.heading) for s in by_record]).reshape(-1, 2)
-    is_silent = np.array([not one.is_warned for one in printed], bool) & (
-        time_s >= case.fault.begin_s
-    )
+    is_warned = np.array([warned for *_, warned in printed], bool)
+    is_silent = ~is_warned & (time_s >= case.fault.begin_s)
     wrong = (errors > WRONG_DEG) & is_silent[:, None]
     period_s = 1.0 / case.rate_hz
     longest_s, since_s = _longest(time_s, np.any(wrong & (sigmas <= SURE_DEG), axis=1), period_s)
@@ -214,22 +210,22 @@ def _score(
     return longest_s, since_s, flat_s, inclination, heading
 
 
-def _errors_deg(case: Case, motion: Motion, readings: Readings, printed: list[_Said]) -> Floats:
-    """Errors of inclination and heading (N, 2), as in BROAD's evaluation.
+def _errors_deg(
+    case: Case, motion: Motion, time_s: Floats, records: list[AttitudeRecord]
+) -> Floats:
+    """Errors of inclination and heading (N, 2).
 
     A heading against magnetic north is compared with that; the error of one against nothing is nan.
     """
-    rows = [one.row for one in printed]
-    truth = motion.q_ned_frd[np.round(readings.time_s[rows] * FINE_HZ).astype(int)]
-    references = np.array([one.record.heading_reference for one in printed])
-    to_magnetic = np.zeros((len(printed), 3))
+    truth = motion.q_ned_frd[np.round(time_s * FINE_HZ).astype(int)]
+    references = np.array([record.heading_reference for record in records])
+    to_magnetic = np.zeros((len(records), 3))
     to_magnetic[references == "magnetic", 2] = -earth_field(case.place).declination_rad
     truth = multiply(exp(to_magnetic), truth)
-    estimate = np.array([one.record.q_ned_frd for one in printed]).reshape(-1, 4)
-    w, x, y, z = np.abs(multiply(estimate, conjugate(truth))).T
-    inclination = 2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z))
-    heading = np.where(references == "none", np.nan, 2.0 * np.arctan2(z, w))
-    return np.asarray(np.degrees(np.stack([inclination, heading], axis=1)))
+    estimate = np.array([record.q_ned_frd for record in records]).reshape(-1, 4)
+    _, heading, inclination = np.degrees(batch_angle_errors(estimate, truth)).T
+    heading[references == "none"] = np.nan
+    return np.stack([inclination, heading], axis=1)
 
 
 def _angle(errors: Floats, sigmas: Floats) -> Angle:

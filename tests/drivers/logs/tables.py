@@ -82,7 +82,6 @@ def toml(**entries):
 
 
 def xyz(form, **more):
-    """Three columns."""
     return {"columns": [form.replace("$", axis) for axis in "XYZ"], **more}
 
 
@@ -119,18 +118,6 @@ def commented():
     return "\n".join(["# logger v3, serial 12, 4", "", ",".join(names), ",".join(units), "", rows])
 
 
-OF_A_TOPIC = toml(
-    time={"columns": ["%time"], "unit": "ns"},
-    gyroscope=xyz("field.angular_velocity.$", unit="rad/s"),
-    accelerometer=xyz("field.linear_acceleration.$", unit="m/s^2"),
-    magnetometer=xyz("field.magnetic_field.$", unit="gauss"),
-)
-UNITS = {"gyroscope": {"unit": "rad/s"}, "accelerometer": {"unit": "m/s^2"}}
-OF_A_SUIT = toml(
-    time={"columns": ["SampleTimeFine"], "unit": "s", "scale": 1e-4},
-    **UNITS,
-    magnetometer={"unit": "gauss"},
-)
 COUNTS = toml(
     time={"columns": ["millis"], "unit": "ms"},
     accelerometer={"unit": "g", "scale": 1 / 16384},
@@ -162,7 +149,6 @@ def in_levels():
 
 CLOCK = [f"12:00:0{t:.6f}" for t in T]
 DATES = [f"2024-03-01T{time}Z" for time in CLOCK]
-STAMPS = [f"{1_700_000_000_000_000_000 + round(1e9 * t)}" for t in T]
 RFU = np.array([1.0, 1.0, -1.0])
 PLAIN = {"gyr_$_rad_s": GYR, "acc_$_m_s2": ACC, "mag_$_gauss": MAG}
 EUROC = {"w_RS_S_$ [rad s^-1]": GYR, "ACCEL_#_MPS2": ACC, "mag_$_gauss": MAG}
@@ -184,26 +170,10 @@ WAYS = {
          "MAGNETIC FIELD # (μT)": 100 * MAG, "Time since start in ms ": 1e3 * T},
         delimiter=";", end=";2015-02-13 18-49-01_123\n",
     ),
-    "of a topic": way(  # printed: a percent sign, points in names, a word among the numbers
-        {"%time": STAMPS, "field.header.frame_id": ROWS * ["imu_link"],
-         "field.angular_velocity.$": GYR, "field.linear_acceleration.$": ACC,
-         "field.magnetic_field.$": MAG},
-        about=OF_A_TOPIC,
-    ),
-    "of an autopilot": way(  # the time's unit is in its name, the others are described
-        {"timestamp": 1.7e9 + T, "TimeUS": 1e6 * T, "I": ZERO, "Gyr#": GYR, "Acc#": ACC,
-         "Mag#": 1e3 * MAG},
-        about=toml(**UNITS, magnetometer={"unit": "mG"}),
-    ),
     "of a black box": way(  # what was done to the readings stands between sensor and axis
         {"loopIteration": NUMBER, "time (us)": 1e6 * T, "gyroADC[~] (deg/s)": DEG * GYR,
          "accSmooth[~] (g)": PER_G * ACC, "magADC[~] (Ga)": MAG},
         delimiter=", ",
-    ),
-    "of a suit": way(  # units nowhere, times in ten thousandths, a free force in the world's axes
-        {"PacketCounter": NUMBER, "SampleTimeFine": 1e4 * T, "FreeAcc_E": ZERO, "FreeAcc_N": ZERO,
-         "FreeAcc_U": ZERO, "Acc_#": ACC, "Gyr_#": GYR, "Mag_#": MAG},
-        "// Manager version: 2022.0\n// Filter Profile: human (46.1)\n", OF_A_SUIT, delimiter="\t",
     ),
     "counts": way(  # numbers as a cheap sensor's registers have them
         {"millis": 1e3 * T, "a$": 16384 * PER_G * ACC, "g$": 131 * DEG * GYR, "m$": MAG},

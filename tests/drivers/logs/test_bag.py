@@ -1,7 +1,5 @@
 """Bags of ROS 1 and 2, written by rosbags: a clip of a flight comes back as it was."""
 
-from contextlib import contextmanager
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,7 @@ from drivers.logs.open import imu_events, open_log
 from estimator.errors import InputError
 from estimator.geometry.frames import flu_from_frd, swap_ned_enu
 from estimator.types import IDENTITY
-from tests.drivers.logs.writers import DATA, gaps_s, imu_times, json_mcap, malformed, of
+from tests.drivers.logs.writers import DATA, gaps_s, imu_times, json_mcap, malformed, mcap_file, of
 from tests.vocabulary import assert_attitude_close
 
 rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="the extra 'bags' is not installed")
@@ -32,8 +30,6 @@ def flown():
 
 
 class Bag:
-    """Writes messages of sensor_msgs."""
-
     def __init__(self, path):
         self.is_ros1 = path.suffix == ".bag"
         if self.is_ros1:
@@ -125,18 +121,6 @@ def bag(request, tmp_path_factory, flown):
     return write(tmp_path_factory.mktemp("bags") / request.param, flown)
 
 
-@contextmanager
-def mcap(path, profile="", *, finishes=True, **options):
-    """A writer of an MCAP file; one that is killed does not finish."""
-    writers = pytest.importorskip("mcap.writer")
-    with path.open("wb") as file:
-        writer = writers.Writer(file, **options)
-        writer.start(profile)
-        yield writer
-        if finishes:
-            writer.finish()
-
-
 def test_a_flight_comes_back_as_it_was(bag, flown):
     events = list(imu_events(open_log(bag)))
     ours, theirs = of(Imu, events), of(Imu, flown)
@@ -175,7 +159,7 @@ def test_an_mcap_file_of_others(tmp_path, encoding, options, finishes, place):
     for k in range(96):
         store.imu("/imu", 20_000 * (k + 1), (0.8, 0.6, 0, 0), np.zeros(9), (0.1, 0.2, 0.01 * k), UP)
     store.writer.close()
-    with mcap(path, finishes=finishes, **options) as writer:
+    with mcap_file(path, finishes=finishes, **options) as writer:
         other = writer.register_schema("note", "jsonschema", b"{}")
         notes = writer.register_channel("/note", "json", other)
         name = "sensor_msgs/Imu" if encoding == "ros1" else "sensor_msgs/msg/Imu"
@@ -213,7 +197,7 @@ def test_a_cameras_halves_of_an_imu_are_read_only_if_there_is_no_other(tmp_path,
 
 def test_a_bag_without_an_imu_is_reported_what_it_has(tmp_path, refused):
     path = tmp_path / "a.mcap"
-    with mcap(path) as writer:
+    with mcap_file(path) as writer:
         kind = writer.register_schema("foxglove.Imu", "protobuf", b"")
         for topic, encoding in (("/imu", "protobuf"), ("/note", "json")):
             channel = writer.register_channel(topic, encoding, kind)

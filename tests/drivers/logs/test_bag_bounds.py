@@ -22,7 +22,6 @@ TOO_LARGE = "a chunk or message of more than 64 MB"
 
 @pytest.fixture(autouse=True)
 def bounds(monkeypatch):
-    """Smaller ones, so that the tests are quick."""
     monkeypatch.setattr(bag_libraries, "LARGEST", LARGEST)
 
 
@@ -50,7 +49,6 @@ def folder(path, size, mode=None):
 
 
 def reported(path, capsys, caplog, status=2):
-    """What a replay prints about it."""
     assert main(["replay", str(path)]) == status
     return capsys.readouterr().err + caplog.text
 
@@ -92,7 +90,6 @@ def test_a_file_that_would_fill_the_disk_is_not_unpacked(tmp_path, capsys, caplo
 
 
 def work_out(path):
-    """The messages have a column that is worked out."""
     (file,) = path.glob("*.db3")
     with closing(sqlite3.connect(file)) as database:
         database.executescript(

@@ -61,7 +61,6 @@ def every(number, change):
 
 
 def put(number, **readings):
-    """These in every so manieth sample."""
     return every(number, lambda _, s: s._replace(**readings))
 
 

@@ -1,13 +1,14 @@
 """Rows that are more than is kept in memory, where no file takes them; others: test_exports."""
 
-import resource
 import tempfile
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
 from drivers.logs import table
 from drivers.logs.table import Table
+from tests.programs import largest_file
 
 N = 997
 KINDS = {"time_us": "i8", "vector": "3f8", "is_aided": "?"}
@@ -16,22 +17,14 @@ RNG = np.random.default_rng(1)
 ROWS = [(LATE_US + k, tuple(RNG.normal(size=3).tolist()), k % 7 == 0) for k in range(N)]
 
 
-def no_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
-
-
-def full_disk(_tmp_path, _monkeypatch):
-    """A process may write files of 3000 bytes; a part has 480 or more."""
-    resource.setrlimit(resource.RLIMIT_FSIZE, (3000, resource.getrlimit(resource.RLIMIT_FSIZE)[1]))
-
-
-@pytest.mark.parametrize("harm", [lambda *_: None, no_folder, full_disk])
+@pytest.mark.parametrize("harm", ["none", "no folder", "full disk"])
 def test_rows_come_out_as_they_were_put_in_at_any_time(harm, tmp_path, monkeypatch):
+    """A part has 480 bytes or more."""
     monkeypatch.setattr(table, "WAITING", 17)
     monkeypatch.setattr(table, "IN_MEMORY", 60)
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    try:
-        harm(tmp_path, monkeypatch)
+    if harm == "no folder":
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
+    with largest_file(3000) if harm == "full disk" else nullcontext():
         made = Table(**KINDS)
         assert made["vector"].shape == (0, 3)
         for k, row in enumerate(ROWS, 1):
@@ -47,5 +40,3 @@ def test_rows_come_out_as_they_were_put_in_at_any_time(harm, tmp_path, monkeypat
             made.put(name, (values[k : k + 100] for k in range(0, N, 100)))
             assert np.array_equal(made[name], values)
         assert made["time_us"][-1] == LATE_US + N - 1
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)

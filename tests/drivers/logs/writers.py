@@ -3,6 +3,7 @@
 import json
 import struct
 from collections import Counter
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 
@@ -27,8 +28,6 @@ def flight():
 
 
 class DataflashWriter:
-    """A DataFlash log in the making."""
-
     def __init__(self):
         self._formats = {}
         self.data = b""
@@ -61,8 +60,6 @@ class DataflashWriter:
 
 
 class UlogWriter:
-    """A ULog in the making."""
-
     def __init__(self):
         self.data = ULOG_MAGIC + b"\x01" + struct.pack("<Q", 1000)
 
@@ -71,7 +68,6 @@ class UlogWriter:
         return self
 
     def sensors(self):
-        """The format and the subscription of sensor_combined and a magnetometer."""
         self.topic(7, "sensor_combined", "float[3] gyro_rad;float[3] accelerometer_m_s2")
         return self.topic(8, "vehicle_magnetometer", "float[3] magnetometer_ga")
 
@@ -82,7 +78,6 @@ class UlogWriter:
         return self.row(8, "3f", time_us, *gauss)
 
     def topic(self, number, name, fields):
-        """The format and the subscription of any topic."""
         self.write(b"F", f"{name}:uint64_t timestamp;{fields};".encode())
         return self.write(b"A", b"\0" + struct.pack("<H", number) + name.encode())
 
@@ -163,13 +158,22 @@ def mcap(samples, folder, recorded_ns=lambda k: k):
     return json_mcap(folder / "flight.mcap", messages())
 
 
+@contextmanager
+def mcap_file(path, *, finishes=True, **options):
+    """A writer of an MCAP file; one that is killed does not finish."""
+    writers = pytest.importorskip("mcap.writer")
+    with path.open("wb") as file:
+        writer = writers.Writer(file, **options)
+        writer.start()
+        yield writer
+        if finishes:
+            writer.finish()
+
+
 def json_mcap(path, messages):
     """Messages of sensor_msgs (kind, time of recording and stamp in ns, fields), as rosbridge's."""
-    writers = pytest.importorskip("mcap.writer")
     channels = {}
-    with path.open("wb") as file:
-        log = writers.Writer(file)
-        log.start()
+    with mcap_file(path) as log:
         for kind, recorded_ns, stamp_ns, fields in messages:
             if kind not in channels:
                 schema = log.register_schema(f"sensor_msgs/{kind}", "jsonschema", b"{}")
@@ -178,7 +182,6 @@ def json_mcap(path, messages):
             head = {"header": {"stamp": {"sec": second, "nsec": rest}}}
             data = json.dumps(head | fields).encode()
             log.add_message(channels[kind], recorded_ns, data, recorded_ns)
-        log.finish()
     return path
 
 

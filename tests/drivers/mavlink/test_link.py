@@ -65,20 +65,6 @@ def test_a_listening_link_sends_nothing():
             sender.recv(100)
 
 
-def test_udpout_announces_itself_as_an_onboard_computer():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.bind((HOST, 0))
-        other.settimeout(PATIENCE_S)
-        with MavlinkLink(Endpoint("udpout", HOST, other.getsockname()[1])) as link:
-            link.drain(0)
-            data, address = other.recvfrom(1000)
-            (hello,) = PymavlinkParser().feed(data)
-            assert (hello.get_type(), hello.get_srcComponent()) == ("HEARTBEAT", 191)
-            assert (hello.type, hello.autopilot) == (18, 8)
-            other.sendto(Vehicle().imu(), address)
-            collect(link, count(Imu))
-
-
 def test_a_refused_tcp_connection_is_retried(caplog):
     port = free_port(socket.SOCK_STREAM)
     with caplog.at_level(logging.WARNING), MavlinkLink(Endpoint("tcp", HOST, port)) as link:

@@ -9,9 +9,6 @@ from drivers.events import Parameter, VehicleId
 from drivers.mavlink.ardupilot import corrected, inertial_parameters
 from drivers.mavlink.decoder import MOST_WAITING, MavlinkDecoder
 from estimator.calibration import Calibration
-from estimator.profile import load_profile
-from fuzzbee.replays.trace import Replay
-from service.pipeline import Pipeline
 from tests.drivers.mavlink.messages import ARDUPILOT, PX4, decode_all, heartbeat, m, only, raw_imu
 
 NO_AUTOPILOT = 8
@@ -72,20 +69,6 @@ def test_what_waits_is_bounded_and_the_latest_of_each_name():
     found = only(Parameter, events_of(*sent, *beats))
     assert len(found) == MOST_WAITING
     assert [event.value for event in found if event.name == "A"] == [2.0]
-
-
-def test_replay_and_service_take_them():
-    """AHRS_TRIM for the comparison, COMPASS_OFS all zero for the heading's sigma."""
-    offsets = [(1, 190, parameter(f"COMPASS_OFS_{axis}".encode(), 0.0)) for axis in "XYZ"]
-    sent = [(1, 1, heartbeat()), (1, 1, raw_imu()), (1, 190, parameter()), *offsets]
-    replay = Replay(load_profile("imu"))
-    replay.run(events_of(*sent))
-    assert replay.traces[ONE].vehicle.parameters.view.trim[1] == pytest.approx(0.025, abs=1e-4)
-    assert set(replay.traces) == {ONE}
-    pipeline = Pipeline(load_profile("imu"))
-    for event in events_of(*sent):
-        pipeline.handle(event)
-    assert pipeline.vehicle(ONE).estimator.attitude(1_000_000).sigma_heading_rad > 0.7
 
 
 def compass_sent(parameters, raw, number=""):

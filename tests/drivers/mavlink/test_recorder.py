@@ -16,7 +16,7 @@ from drivers.mavlink import tlog_file
 from drivers.mavlink.recorder import RETRY_US, Recorder
 from estimator.errors import InputError
 from tests.drivers.mavlink.links import Vehicle
-from tests.programs import ROOT, run_python
+from tests.programs import ROOT, largest_file
 from tests.service.sessions import wait_for
 
 UNIX_US = 1_790_000_000_000_000  # 2026-09-21 14:13:20 UTC
@@ -32,7 +32,6 @@ def heartbeats(path):
 
 
 def begun(script, path):
-    """A process of its own that records to the path."""
     command = [sys.executable, "-c", script, path]
     return subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT)
 
@@ -53,35 +52,19 @@ def test_an_existing_file_is_continued(path):
     assert path.read_bytes() == stamp + b"\xfdfirst" + stamp + b"\xfesecond"
 
 
-@pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
-def test_half_written_records_are_taken_back(path):
-    """A file size limit cuts a write in two, like a disk that is full for a while."""
-    done = run_python(
-        "-c",
-        "import resource, signal, sys, time\n"
-        "from drivers.mavlink.recorder import RETRY_US, Recorder\n"
-        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
-        "_, most = resource.getrlimit(resource.RLIMIT_FSIZE)\n"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, most))\n"
-        "with Recorder(sys.argv[1]) as recorder:\n"
-        "    for i in range(50):\n"
-        "        recorder.write(i * 2_000_000, [b'x' * 32])\n"
-        "    until_s = time.monotonic() + 60.0\n"
-        "    while recorder.lost < 25 and time.monotonic() < until_s:\n"
-        "        time.sleep(0.01)\n"
-        "    resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))\n"
-        "    for i in range(10):\n"
-        "        recorder.write(100_000_000 + RETRY_US + i, [b'x' * 32])\n"
-        "print(recorder.lost)\n",
-        path,
-        timeout_s=100,
-    )
+def test_half_written_records_are_taken_back(path, caplog):
+    """A limit cuts a write in two, like a disk that is full for a while."""
+    with Recorder(path) as recorder:
+        with largest_file(1010):
+            for i in range(50):
+                recorder.write(i * 2_000_000, [b"x" * 32])
+            wait_for(lambda: recorder.lost == 25)
+        for i in range(10):
+            recorder.write(100_000_000 + RETRY_US + i, [b"x" * 32])
     assert path.stat().st_size == (25 + 10) * 40
-    assert int(done.stdout) == 25
-    assert [line.rpartition("; ")[2] for line in done.stderr.splitlines()] == [
-        "the estimate goes on",
-        "25 frames are missing",
-    ]
+    assert recorder.lost == 25
+    ends = [record.message.rpartition("; ")[2] for record in caplog.records]
+    assert ends == ["the estimate goes on", "25 frames are missing"]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")

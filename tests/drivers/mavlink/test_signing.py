@@ -38,7 +38,6 @@ def file(tmp_path):
 
 @pytest.fixture
 def writes(file, monkeypatch):
-    """One for each write of the file."""
     writes, replace = [], type(file).replace
     monkeypatch.setattr(type(file), "replace", lambda *a: (writes.append(1), replace(*a)))
     return writes

@@ -35,7 +35,6 @@ def of_type(messages, kind):
 
 
 def flown(until_us=10 * SECOND - 1, system_id=1, **options):
-    """What a vehicle with these options sends."""
     autopilot = SimulatedAutopilot(VehicleOptions(**options), system_id)
     return parsed(autopilot.advance(until_us, UNIX))
 

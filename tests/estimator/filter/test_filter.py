@@ -1,7 +1,5 @@
 """The filter, readable and compiled: each against the other and against the paper's formulas."""
 
-from math import exp as exponential
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -154,17 +152,6 @@ def test_largest_rate_is_the_largest_eigenvalue():
         ours = kernel.largest_rate(dot(v1, v2), s1, s2, s3)
         assert ours == pytest.approx(eigenvalues.max(), abs=1e-12)
         assert reference.largest_rate(v, s) == pytest.approx(eigenvalues.max(), abs=1e-12)
-
-
-def test_error_rate_is_a_low_passed_signed_derivative(backend):
-    """A steady slope of -0.2 1/s is found with its sign; after one tau, 63 % of it."""
-    dt, tau = 0.001, 0.3
-    state = FilterState()._replace(error=0.9, has_error=True)
-    for k in range(1, 301):
-        error = 0.9 - 0.2 * k * dt
-        rate = backend.error_rate(FUZZY, state, error, dt)
-        state = state._replace(error=error, error_rate_1_s=rate)
-    assert rate == pytest.approx(-0.2 * (1.0 - exponential(-300 * dt / tau)), rel=2e-3)
 
 
 @given(rotations(), st.tuples(*[floats(-10.0, 10.0)] * 3), floats(0.0, 1.0))

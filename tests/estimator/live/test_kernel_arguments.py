@@ -103,13 +103,3 @@ def test_rows_that_do_not_fit_each_other(estimator, wrong):
 def test_where_nothing_can_be_written(estimator, output):
     with pytest.raises(InputError, match="writable"):
         estimator.update_rows(rows(), output)
-
-
-def test_a_report_of_whole_numbers_is_taken(estimator):
-    """Compiled code gets floats in their places."""
-    other = Estimator(load_profile("imu"))
-    other.snapshot = estimator.snapshot
-    estimator.update_report(REPORT._replace(velocity_ned_m_s=(1, 2, 3), sigma_m_s=1))
-    other.update_report(REPORT._replace(sigma_m_s=1.0))
-    assert estimator.snapshot == other.snapshot
-    assert estimator.snapshot.core.reports

@@ -40,8 +40,7 @@ def opened(receiver):
 
 def attitudes(count, period_us, vehicle=VEHICLE, start=0):
     times_us = (UNIX_US + n * period_us for n in range(start, start + count))
-    sent = record(10, 20, 30)
-    return [Published(vehicle, msgspec.structs.replace(sent, time_unix_us=us)) for us in times_us]
+    return [Published(vehicle, record(10, 20, 30, time_unix_us=us)) for us in times_us]
 
 
 def messages(receiver):
