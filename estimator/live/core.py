@@ -11,7 +11,6 @@ from estimator.aiding.consistency import NEW_CONSISTENCY, Consistency
 from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.phase import Phase
 from estimator.aiding.search import EMPTY_SEARCH, Search
-from estimator.aiding.sources.field import begin_anew
 from estimator.aiding.types import COMPASS_TURN, HARD_IRON, SIZE, AidingState
 from estimator.aiding.velocity_history import COLUMNS
 from estimator.conditioning.condition import Conditioned
@@ -136,9 +135,9 @@ def with_turned_compass(
 ) -> Core:
     """The core for readings that are turned back by ``turn_rad`` about the body's down from now on.
 
-    The unaided stage learns the field anew. The aiding learns the place's field anew, and what is
-    left of the turn, whose sigma is given. With a sigma of 0 the aiding has learnt this turn: it
-    goes on with what is left, and the vehicle's own field turns with the readings.
+    The unaided stage learns the field anew, and the aiding what is left of the turn, whose sigma is
+    given. With a sigma of 0 the aiding has learnt this turn: it goes on with what is left, and the
+    vehicle's own field turns with the readings.
     """
     now = now._replace(conditioning=forget_field(settings.conditioning, now.conditioning))
     if not is_aided:
@@ -148,7 +147,8 @@ def with_turned_compass(
         P[COMPASS_TURN, :] = P[:, COMPASS_TURN] = 0.0
         P[COMPASS_TURN, COMPASS_TURN] = sigma_rad**2
         estimate = now.aided.estimate._replace(compass_turn_rad=0.0)
-        aided = now.aided._replace(estimate=estimate, field=begin_anew(now.aided.field))
+        field = now.aided.field._replace(off_rad=0.0, far_off_s=0.0)
+        aided = now.aided._replace(estimate=estimate, field=field)
         return now._replace(aided=aided, covariance=P)
     T, iron, back = np.eye(SIZE), slice(HARD_IRON, HARD_IRON + 3), exp((0.0, 0.0, -turn_rad))
     T[iron, iron] = rotation_matrix(back)
