@@ -4,6 +4,7 @@ Its errors are small turns of the attitude seen from NED and differences of
 everything else, in the order of the constants below.
 """
 
+from itertools import accumulate
 from math import radians
 from typing import NamedTuple
 
@@ -16,21 +17,38 @@ from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec2, Vec3
 
 Array = NDArray[np.float64]
 
-# Where the components of each error begin in the covariance.
-TURN = 0  # rad, about north, east and down
-VELOCITY = 3  # m/s
-GYR_BIAS = 6  # rad/s
-ACC_BIAS = 9  # m/s^2
-IMU_LAG = 12  # s, one component
-FIELD_LAG = 13  # s, one component
-COMPASS_TURN = 14  # rad, of the compass in the vehicle, about the body's down
-HARD_IRON = 15  # gauss
-EARTH = 18  # gauss, the place's field in NED
-RECEIVER_LAG = 21  # s, of a receiver's reports
-FILTER_LAG = 22  # s, of those of an autopilot's filter
-RECEIVER_ERROR = 23  # m/s, the slow error of a receiver's reports
-FILTER_ERROR = 26  # m/s, the slow error of an autopilot's filter
-SIZE = 29
+# How many components each error has in the covariance, and where it begins there.
+COMPONENTS = {
+    "turn": 3,  # rad, about north, east and down
+    "velocity": 3,  # m/s
+    "gyr_bias": 3,  # rad/s
+    "acc_bias": 3,  # m/s^2
+    "imu_lag": 1,  # s
+    "field_lag": 1,  # s
+    "compass_turn": 1,  # rad, of the compass in the vehicle, about the body's down
+    "hard_iron": 3,  # gauss
+    "earth": 3,  # gauss, the place's field in NED
+    "receiver_lag": 1,  # s, of a receiver's reports
+    "filter_lag": 1,  # s, of those of an autopilot's filter
+    "receiver_error": 3,  # m/s, the slow error of a receiver's reports
+    "filter_error": 3,  # m/s, the slow error of an autopilot's filter
+}
+(
+    TURN,
+    VELOCITY,
+    GYR_BIAS,
+    ACC_BIAS,
+    IMU_LAG,
+    FIELD_LAG,
+    COMPASS_TURN,
+    HARD_IRON,
+    EARTH,
+    RECEIVER_LAG,
+    FILTER_LAG,
+    RECEIVER_ERROR,
+    FILTER_ERROR,
+    SIZE,
+) = accumulate(COMPONENTS.values(), initial=0)
 
 
 class AidingParams(NamedTuple):

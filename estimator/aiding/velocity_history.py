@@ -4,6 +4,8 @@ Rows of (time, velocity gained since the beginning, acceleration), the newest fi
 A row is kept every ``STEP_S`` or at each sample if those are slower; the newest is always there.
 """
 
+from itertools import accumulate
+
 import numpy as np
 
 from estimator.aiding.covariance import part
@@ -17,7 +19,8 @@ from estimator.types import Vec3
 
 ROWS = 32  # with ``STEP_S`` 0.6 s
 OLDEST_S = ROWS * STEP_S  # how far back it goes at least: older reports come too late
-TIME, GAINED, ACCELERATION, COLUMNS = 0, 1, 4, 7
+WIDTHS = {"time": 1, "gained": 3, "acceleration": 3}
+TIME, GAINED, ACCELERATION, COLUMNS = accumulate(WIDTHS.values(), initial=0)
 
 
 def new_velocity_history(acceleration: Vec3) -> Array:

@@ -9,17 +9,15 @@ from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import MOST_DISTORTION
 from estimator.conditioning.params import LATELY_S, LONG_S, QUICK_S, ConditioningParams
 from estimator.conditioning.robust import FAR
-from estimator.conditioning.vertical.lowpass import approach
+from estimator.conditioning.vertical.lowpass import approach, largest_between
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # The two low-passes of the field in G, s.
 JUMP_QUICK_S = 0.1
-# The largest part of a jump that lies between the two: exp(-t/slow) - exp(-t/quick) where both
-# exponentials fall alike.
-RATIO = QUICK_S / JUMP_QUICK_S
-JUMP_SHARE = RATIO ** (-1.0 / (RATIO - 1.0)) * (1.0 - 1.0 / RATIO)
+# The largest part of a jump that lies between the two.
+JUMP_SHARE = largest_between(JUMP_QUICK_S, QUICK_S)
 # In how far they differ usually a moment counts as no more than so many times that, and noise: a
 # jump is not usual because it has come, and teaches no calibration.
 MOST_USUAL = 2.5

@@ -24,6 +24,7 @@ from estimator.conditioning.params import (
 from estimator.conditioning.robust import MOST_DEVIATION, robust_factor
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD, Estimate
 from estimator.conditioning.vertical.gravity import GravityState
+from estimator.conditioning.vertical.lowpass import largest_lead
 from estimator.conditioning.vertical.slow_acceleration import MOST_APART_RAD, PRIOR_VARIANCE
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import (
@@ -42,9 +43,9 @@ def duration_s(holds: bool, lasted_s: float, dt_s: float) -> float:
     return lasted_s + min(dt_s, LONGEST_STEP_S) if holds else 0.0
 
 
-# The largest part of a turn by which the force of ``SPAN_S`` is ahead of the low-passed one, with
-# the usual ``gravity_tau_s``: the largest e^-x (cos x + sin x) - e^(-t/SPAN_S), x = t/tau.
-SPAN_LEAD = 0.5408058192242805
+# The largest part of a turn by which the force of ``SPAN_S`` is ahead of the low-passed one,
+# with the usual ``gravity_tau_s``.
+SPAN_LEAD = largest_lead(SPAN_S, ConditioningParams().gravity_tau_s)
 # A field points to a heading given up again within this share of the angle by which it is off the
 # present one.
 STILL_OFF = 0.5

@@ -6,6 +6,8 @@ They follow from the parameters and the time step, and are kept until the step c
 from math import cos, exp, sin
 from typing import NamedTuple
 
+import numpy as np
+
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import LONG_S, QUICK_S, SPAN_S, USUAL_S, ConditioningParams
 from estimator.geometry.quaternion import add, scale, subtract
@@ -61,6 +63,25 @@ def approach(mean: Vec3, v: Vec3, share: float) -> Vec3:
         mean[1] + share * (v[1] - mean[1]),
         mean[2] + share * (v[2] - mean[2]),
     )
+
+
+def largest_between(quick_s: float, slow_s: float) -> float:
+    """The largest part of a step that lies between two first-order low-passes.
+
+    exp(-t/slow) - exp(-t/quick) is largest where both exponentials fall alike.
+    """
+    ratio = slow_s / quick_s
+    return float(ratio ** (-1.0 / (ratio - 1.0)) * (1.0 - 1.0 / ratio))
+
+
+def largest_lead(mean_s: float, tau_s: float) -> float:
+    """The largest part of a step by which a first-order low-pass is ahead of :func:`low_pass`.
+
+    It is the largest e^-x (cos x + sin x) - e^(-t/mean), with x = t/tau.
+    """
+    t = np.linspace(0.0, 4.0 * tau_s, 10_000)
+    x = t / tau_s
+    return float(np.max(np.exp(-x) * (np.cos(x) + np.sin(x)) - np.exp(-t / mean_s)))
 
 
 class Coefficients(NamedTuple):
