@@ -113,11 +113,12 @@ IMU_MESSAGES: dict[int, ImuMessage] = {
     )
 }
 
+IMU_RANKS = {each.name: rank for rank, each in enumerate(IMU_MESSAGES.values())}
+
 
 def imu_rank(message: str) -> int:
     """Place of an IMU message in the order of preference; names that only logs use come last."""
-    names = [each.name for each in IMU_MESSAGES.values()]
-    return names.index(message) if message in names else len(names)
+    return IMU_RANKS.get(message, len(IMU_RANKS))
 
 
 def message_to_ask_for(autopilot: int | None) -> ImuMessage:
