@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec.structs import replace
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import MofNCompleteColumn, Progress
 
 from drivers.output_file import written_for
 from estimator.arrays import Floats
@@ -90,7 +90,8 @@ def _run(
     task, request, options = plan.task, plan.request, plan.options
     checkpoint, saved_s = checkpoint_path(request.output), time.monotonic()
     console = Console(stderr=True)
-    bar = Progress(console=console, disable=not console.is_terminal)
+    columns = (*Progress.get_default_columns(), MofNCompleteColumn(), "evaluations")
+    bar = Progress(*columns, console=console, disable=not console.is_terminal)
     line = bar.add_task(options.algorithm, total=options.budget)
     cores = request.threads or available_cores()
     pool = Cluster(task.costs, request.cluster) if request.cluster else Pool(task.costs, cores)
