@@ -19,7 +19,6 @@ UNITS = {"gyr_bias_rad_s": "rad/s", "acc_bias_m_s2": "m/s²", "mag_offset_gauss"
 _PROFILE = "imu, adaptive or a TOML file; its own calibration is set aside."
 _PLACE = "Where it flew, in degrees. [default: what the log says]"
 _OUTPUT = "Write that profile with the calibration found."
-_SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
 _COMPASS = "Which compass, from 0 on. [default: that of the IMU's message]"
 
 EPILOG = opt.examples(
@@ -36,10 +35,10 @@ class CalibrateOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
     logs: list[Path] = typer.Argument(metavar="LOG...", help="Logs of one IMU's turns.")
-    output: Path | None = opt.option(_OUTPUT, "-o", "--output", metavar="FILE")
+    output: Path | None = opt.option(_OUTPUT, "-o", "--output")
     profile: str = opt.option(_PROFILE, default="imu")
     place: str | None = opt.option(_PLACE, metavar="LAT,LON")
-    system_id: int | None = opt.option(_SYSTEM_ID)
+    system_id: int | None = opt.SYSTEM_ID
     compass: int | None = opt.option(_COMPASS, metavar="0..2")
     begin: str | None = opt.BEGIN
     end: str | None = opt.END

@@ -9,6 +9,7 @@ from copy import copy
 from functools import partial, wraps
 from importlib.util import find_spec
 from math import inf, isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 import typer
@@ -52,6 +53,7 @@ def examples(*lines: str) -> str:
     return "\n\n".join(["Examples:", *(f"  {line}" for line in lines)])
 
 
+SYSTEM_ID = source("Which vehicle. [default: the one with most IMU samples]", metavar="ID")
 BEGIN = source("Begin there: seconds of the log, arm or disarm.", "--from", metavar="S|arm")
 END = source("End there: seconds of the log, arm or disarm.", "--to", metavar="S|disarm")
 SECONDS = source("End after N seconds.", metavar="N")
@@ -84,6 +86,8 @@ def _parameters(options: Any) -> Iterator[inspect.Parameter]:
             yield from _parameters(type(default))
             continue
         info = copy(default)
+        if isinstance(info, OptionInfo) and kinds[name] in (Path, Path | None):
+            info.metavar = info.metavar or "FILE"
         if isinstance(info, OptionInfo) and not info.param_decls:
             info.param_decls = (flag_of(name),)  # typer's own name would give flags a second one
         yield inspect.Parameter(name, KEYWORD, default=info, annotation=kinds[name])
@@ -91,12 +95,11 @@ def _parameters(options: Any) -> Iterator[inspect.Parameter]:
 
 def _made(options: Any, given: dict[str, Any]) -> Any:
     """The options, and those in them, of the values that were given."""
-    return options(
-        *(
-            _made(type(default), given) if hasattr(default, "_fields") else given[name]
-            for name, default in options._field_defaults.items()
-        )
+    values = (
+        _made(type(default), given) if hasattr(default, "_fields") else given[name]
+        for name, default in options._field_defaults.items()
     )
+    return options(*values)
 
 
 def flag_of(name: str) -> str:
@@ -166,27 +169,19 @@ def _moment(name: str, given: Any) -> "Moment | None":
     return seconds
 
 
+_LISTEN = "Listen here instead of tcp/127.0.0.1:7447 (repeatable)."
+_CONNECT = "Connect there instead of to tcp/127.0.0.1:7447 (repeatable)."
+_CONFIG = "A Zenoh configuration (JSON5) instead of the default session."
+_endpoints = partial(of_zenoh, default=[], metavar="ENDPOINT")
+
+
 class ZenohArguments(NamedTuple):
     """What run and watch are asked for of the session that they share."""
 
-    listen: list[str] = of_zenoh(
-        "Listen here instead of tcp/127.0.0.1:7447 (repeatable).",
-        *("--listen", "-l"),
-        default=[],
-        metavar="ENDPOINT",
-    )
-    connect: list[str] = of_zenoh(
-        "Connect there instead of to tcp/127.0.0.1:7447 (repeatable).",
-        *("--connect", "-e"),
-        default=[],
-        metavar="ENDPOINT",
-    )
+    listen: list[str] = _endpoints(_LISTEN, "--listen", "-l")
+    connect: list[str] = _endpoints(_CONNECT, "--connect", "-e")
     mode: str = of_zenoh("peer or client.", "--mode", "-m", default="peer")
-    config_file: str | None = of_zenoh(
-        "A Zenoh configuration (JSON5) instead of the default session.",
-        *("--config", "-c"),
-        metavar="FILE",
-    )
+    config_file: str | None = of_zenoh(_CONFIG, "--config", "-c", metavar="FILE")
     settings: list[str] = of_zenoh(
         "One Zenoh setting, applied last (repeatable).", "--cfg", default=[], metavar="KEY:JSON5"
     )

@@ -35,6 +35,7 @@ _MOTION = (
     "the paper's, none or a level turn, on the paper's signals; a copter's flight;"
     " or its IMU turned by hand"
 )
+_KEY = "sign with the key (32 bytes, 64 hex digits) or pass phrase in this file"
 _ERRORS = "constant errors of the sensors, for calibrate; vehicle i has SEED + i - 1"
 # One paragraph for each form. The help text is wrapped anew, so columns would not stay aligned.
 _LINK_HELP = "\n\n".join(" ".join(row.split()) for row in endpoint_help(LINK_KINDS).splitlines())
@@ -49,9 +50,7 @@ class SimOptions(NamedTuple):
     to: str | None = link(_LINK_HELP, metavar="URL")
     url: str | None = typer.Argument(None, help="The same as --to.", hidden=True)
     drop: float = link("probability that a frame is lost", default=0.0, metavar="P")
-    signing_key_file: Path | None = link(
-        "sign with the key (32 bytes, 64 hex digits) or pass phrase in this file", metavar="FILE"
-    )
+    signing_key_file: Path | None = link(_KEY)
     insecure_key_file: bool = link(INSECURE, default=False)
     vehicles: int = vehicle("system ids 1 to N on one link", default=1, metavar="N")
     rate_hz: float = vehicle("samples a second", "--rate", default=100.0, metavar="HZ")
@@ -81,8 +80,7 @@ def sim(options: SimOptions) -> int:
 
         endpoint = _link(options.to or options.url)
         seconds, vehicles = options.seconds, options.vehicles
-        if seconds is not None and not seconds > 0:
-            raise InputError(f"--seconds must be positive, not {seconds:g}")
+        opt.require_positive("--seconds", seconds)
         fleet = Fleet(_vehicle_options(options), vehicles)
         connection = Connection(endpoint, report=_notify)
         connection.open()
@@ -124,10 +122,7 @@ def _print_json(
     """What was done, as one object."""
     result = {
         "to": str(link.endpoint),
-        "vehicles": options.vehicles,
-        "rate_hz": options.rate_hz,
-        "motion": options.motion,
-        "seed": options.seed,
+        **{name: getattr(options, name) for name in ("vehicles", "rate_hz", "motion", "seed")},
         "seconds": round(seconds, 3),
         "bytes_sent": fleet.bytes_sent,
         "link_errors": link.breaks,

@@ -46,9 +46,7 @@ class TuneRequest(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
     sources: list[str] = typer.Argument(metavar="SOURCE...", help=_SOURCES)
-    output: Path = opt.option(
-        "The profile to write.", "--output", "-o", default=..., metavar="FILE"
-    )
+    output: Path = opt.option("The profile to write.", "--output", "-o", default=...)
     base: str | None = opt.option(_BASE, metavar="PROFILE")
     objective: str | None = opt.option(_OBJECTIVE)
     reference: str | None = opt.option(_REFERENCE)
