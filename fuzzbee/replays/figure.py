@@ -13,6 +13,7 @@ import numpy as np
 
 from drivers.output_file import written_for
 from estimator.errors import InputError
+from estimator.filter.memberships import TERMS, Five
 from fuzzbee.options import require_extra
 
 # For each suffix the metadata that would make two files of the same figure differ.
@@ -24,6 +25,7 @@ METADATA: dict[str, dict[str, None]] = {
 PAGE = ".html"
 COLORS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple")
 DARK, BLACK = "0.35", "0.15"
+TRIANGLE = (0.0, 1.0, 0.0)  # the membership at a fuzzy set's corners
 STYLE: Any = {
     "font.size": 8.0,
     "lines.linewidth": 0.8,
@@ -107,6 +109,16 @@ def add_legend(ax: Any, columns: int) -> None:
     """The names of what has one, so many in a row, above the right end."""
     if ax.get_legend_handles_labels()[0]:
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns)
+
+
+def draw_sets(ax: Any, label: str, sets: Five, before: Five | None = None) -> None:
+    """The membership of five fuzzy sets, and dotted those that were there before."""
+    for term, corners, color in zip(TERMS, sets, COLORS, strict=True):
+        ax.plot(corners, TRIANGLE, color=color, label=term, lw=1.2)
+    for corners, color in zip(before or (), COLORS, strict=False):
+        ax.plot(corners, TRIANGLE, ":", color=color)
+    ax.set(xlabel=label, ylabel="membership")
+    add_legend(ax, len(TERMS))
 
 
 def add_text(ax: Any, text: str) -> None:

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from estimator.errors import InputError
-from estimator.filter.memberships import TERMS, Five, fuzzy_sets
+from estimator.filter.memberships import fuzzy_sets
 from estimator.geometry.metrics import COST_RATE_HZ, batch_angle_errors
 from estimator.profile import Profile
-from fuzzbee.replays.figure import COLORS, add_legend, written_figure
+from fuzzbee.replays.figure import add_legend, draw_sets, written_figure
 from fuzzbee.tune.plan import Plan
 from tuning.flight import Flight, fly
 from tuning.paper_experiment import run_experiment
@@ -20,7 +20,6 @@ NAME = "tuning.png"
 FIXED_GAINS = (1.0, 10.0, 100.0)
 WIDTH_IN, HEIGHT_IN = 10.0, 2.8  # of a panel
 MOST_FLIGHTS = 6
-TRIANGLE = (0.0, 1.0, 0.0)  # the membership at its corners
 
 
 def draw(folder: Path, plan: Plan, tuned: Profile, search: Search) -> None:
@@ -45,8 +44,9 @@ def draw(folder: Path, plan: Plan, tuned: Profile, search: Search) -> None:
             _draw_error_on_log(ax, flight, plan.before, tuned)
         if task.tunes_memberships:
             before, after = fuzzy_sets(plan.before.k), fuzzy_sets(tuned.k)
-            _draw_sets(axes[-2], "e, |de/dt| in 1/s", before.inputs, after.inputs)
-            _draw_sets(axes[-1], "k_op", before.output, after.output)
+            draw_sets(axes[-2], "e, |de/dt| in 1/s", after.inputs, before.inputs)
+            draw_sets(axes[-1], "k_op", after.output, before.output)
+            axes[-2].set_title("Fuzzy sets, dotted: before")
 
 
 def _draw_error_over_time(axes: Any, seed: int, before: Profile, tuned: Profile) -> None:
@@ -72,12 +72,3 @@ def _draw_error_on_log(axes: Any, flight: Flight, before: Profile, tuned: Profil
         axes.plot(time_s, np.degrees(errors[known, 2]), linewidth=0.9, label=name)
     axes.set(title=flight.name, ylabel="inclination error in deg", xlabel="time in s")
     add_legend(axes, 2)
-
-
-def _draw_sets(axes: Any, label: str, before: Five, after: Five) -> None:
-    """Five triangles, and dotted those that were there before."""
-    for term, old, new, color in zip(TERMS, before, after, COLORS, strict=False):
-        axes.plot(old, TRIANGLE, ":", color=color)
-        axes.plot(new, TRIANGLE, color=color, label=term)
-    axes.set(xlabel=label, ylabel="membership", title="Fuzzy sets, dotted: before")
-    add_legend(axes, len(TERMS))

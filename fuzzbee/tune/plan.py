@@ -35,6 +35,8 @@ CALIBRATION = "calibration"  # the group of parameters that begins with a fit
 CONTROLLER = {"membership", "filter"}  # the groups of the fuzzy controller
 # Food sources and cycles. A flight flown again takes a tenth of a second, the signals 50 us.
 SIMULATION_BUDGET, LOG_BUDGET = (100, 300), (10, 15)
+# What is searched, the profile to beat, the reference of the cost, and the inputs
+Found = tuple[tasks.Task, Profile, str, Provenance]
 
 
 class Plan(NamedTuple):
@@ -59,22 +61,23 @@ def plan(request: TuneRequest) -> Plan:
         raise InputError(f"-o {output}: a folder, not a file")
     if not os.access(output.parent, os.W_OK):
         raise InputError(f"-o {output}: the folder cannot be written to")
-    found = (_paper if request.is_simulated else _logs)(request, options)
+    task, before, reference, provenance = (_paper if request.is_simulated else _logs)(request)
     if request.limit is None:
-        options = options._replace(limit=options.food_sources * len(found.task.space))
-        found = found._replace(options=options)
-    given = {name: value for name, value in _given(found).items() if value is not None}
-    provenance = replace(found.provenance, options=given, version=__version__)
-    return found._replace(provenance=provenance)
+        options = options._replace(limit=options.food_sources * len(task.space))
+    given = _given(request, task, before, options)
+    options_given = {name: value for name, value in given.items() if value is not None}
+    provenance = replace(provenance, options=options_given, version=__version__)
+    return Plan(request, task, before, options, reference, provenance)
 
 
-def _given(plan: Plan) -> dict[str, Any]:
+def _given(
+    request: TuneRequest, task: tasks.Task, before: Profile, search: SearchOptions
+) -> dict[str, Any]:
     """The options that determine the result; a base that is no name by its content."""
-    request, task, search = plan.request, plan.task, plan.options
     begin, end = time_window(request.begin, request.end)
     base = request.base or (MIDPOINT if request.is_simulated else "imu")
     if base not in (*SHIPPED, MIDPOINT):  # a file's name does not fix its content
-        base = f"sha256:{sha256(profile_to_toml(plan.before).encode()).hexdigest()}"
+        base = f"sha256:{sha256(profile_to_toml(before).encode()).hexdigest()}"
     return {
         "command": "tune",
         "algorithm": search.algorithm,
@@ -126,7 +129,7 @@ def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name.strip() for name in request.parameters.split(",") if name.strip())
 
 
-def _paper(request: TuneRequest, options: SearchOptions) -> Plan:
+def _paper(request: TuneRequest) -> Found:
     """The search on the paper's signals."""
     if len(request.sources) > 1 or request.hold_out:
         raise InputError("tune: sim: stands alone, not beside logs")
@@ -148,7 +151,7 @@ def _paper(request: TuneRequest, options: SearchOptions) -> Plan:
     chosen = {"noise": noise, "held_out": held_out}
     seeds = {"search": request.seed, **{name: _in_words(each) for name, each in chosen.items()}}
     provenance = Provenance(inputs=[{"name": SIMULATION}], seeds=seeds)
-    return Plan(request, task, base, options, "simulated vehicle's truth", provenance)
+    return task, base, "simulated vehicle's truth", provenance
 
 
 def _in_words(seeds: range) -> str:
@@ -164,7 +167,7 @@ def _seeds(option: str, text: str) -> range:
     return chosen
 
 
-def _logs(request: TuneRequest, options: SearchOptions) -> Plan:
+def _logs(request: TuneRequest) -> Found:
     """The search on recorded flights."""
     for flag in asked_for(request, "noise_seeds", "held_out_seeds"):
         raise InputError(f"{flag} goes with sim: only; a log has its own noise")
@@ -196,7 +199,7 @@ def _logs(request: TuneRequest, options: SearchOptions) -> Plan:
     reference = "; ".join(dict.fromkeys(map(reference_text, flights)))
     inputs = _report_flights(flights, {flight.sha256 for flight in held_out})
     provenance = Provenance(inputs=inputs, seeds={"search": request.seed})
-    return Plan(request, task, before, options, reference, provenance)
+    return task, before, reference, provenance
 
 
 def _report_flights(flights: tuple[Flight, ...], held_out: set[str]) -> list[dict[str, str]]:
