@@ -16,15 +16,7 @@ from fuzzbee.version import __version__
 
 HELP = "Estimate a vehicle's attitude from its MAVLink stream, live."
 
-VERBS: dict[str, Any] = {
-    "run": run,
-    "sim": sim,
-    "watch": watch,
-    "replay": replay,
-    "check": check,
-    "calibrate": calibrate,
-    "tune": tune,
-}
+VERBS = (run.run, sim.sim, watch.watch, replay.replay, check.check, calibrate.calibrate, tune.tune)
 EPILOG = """Start here:
 
   fuzzbee run sim:flight         the service on its built-in vehicle
@@ -63,8 +55,8 @@ def build_command(*, decorated: bool) -> Any:
         context_settings={"help_option_names": ["--help", "-h"]},
     )
     app.callback()(_main_options)
-    for verb, module in VERBS.items():
-        app.command(cls=Grouped, epilog=module.EPILOG)(getattr(module, verb))
+    for verb in VERBS:
+        app.command(cls=Grouped, epilog=verb.epilog)(verb)
     app.add_typer(profile.profile_app, name="profile")
     made = typer.main.get_command(app)
     if decorated:

@@ -21,15 +21,6 @@ _PLACE = "Where it flew, in degrees. [default: what the log says]"
 _OUTPUT = "Write that profile with the calibration found."
 _COMPASS = "Which compass, from 0 on. [default: that of the IMU's message]"
 
-EPILOG = opt.examples(
-    "fuzzbee calibrate flight.tlog",
-    "fuzzbee calibrate bench1.tlog bench2.tlog -o mine.toml",
-    "fuzzbee calibrate flight.bin --from 120 --to 300 > mine.toml",
-    "fuzzbee calibrate flight.bin --compass 1",
-    "fuzzbee calibrate imu.csv --place 47.40,8.55",
-    "fuzzbee calibrate flight.tlog --json",
-)
-
 
 class CalibrateOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
@@ -45,7 +36,14 @@ class CalibrateOptions(NamedTuple):
     as_json: bool = opt.JSON
 
 
-@opt.command
+@opt.command(
+    "fuzzbee calibrate flight.tlog",
+    "fuzzbee calibrate bench1.tlog bench2.tlog -o mine.toml",
+    "fuzzbee calibrate flight.bin --from 120 --to 300 > mine.toml",
+    "fuzzbee calibrate flight.bin --compass 1",
+    "fuzzbee calibrate imu.csv --place 47.40,8.55",
+    "fuzzbee calibrate flight.tlog --json",
+)
 def calibrate(options: CalibrateOptions) -> None:
     """Find what is constantly wrong with an IMU's sensors.
 

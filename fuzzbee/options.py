@@ -62,21 +62,22 @@ JSON = showing("JSON on standard output, nothing else there.", "--json", default
 VERBOSE = showing("Say more on standard error.", "--verbose", "-v", default=False)
 
 
-def command(verb: Callable[[Any], Any]) -> Any:
+def command(*lines: str) -> Callable[[Callable[[Any], Any]], Any]:
     """The verb as typer takes it: a parameter for each field of the named tuple that it takes.
 
-    A field that is a named tuple itself stands for that one's fields.
+    A field that is a named tuple itself stands for that one's fields. The lines are examples.
     """
-    options = next(iter(get_type_hints(verb).values()))
-    parameters = [*_parameters(options)]
 
-    def parsed(**given: Any) -> Any:
-        return verb(_made(options, given))
+    def decorated(verb: Callable[[Any], Any]) -> Any:
+        options = next(iter(get_type_hints(verb).values()))
+        parameters = [*_parameters(options)]
+        call: Any = wraps(verb)(lambda **given: verb(_made(options, given)))
+        call.__annotations__ = {each.name: each.annotation for each in parameters}
+        call.__signature__ = inspect.Signature(parameters)
+        call.epilog = examples(*lines)
+        return call
 
-    call: Any = wraps(verb)(parsed)
-    call.__annotations__ = {each.name: each.annotation for each in parameters}
-    call.__signature__ = inspect.Signature(parameters)
-    return call
+    return decorated
 
 
 def _parameters(options: Any) -> Iterator[inspect.Parameter]:

@@ -14,14 +14,6 @@ from fuzzbee.security import INSECURE
 
 MAX_RATE_HZ = 1000.0
 
-EPILOG = opt.examples(
-    "fuzzbee run sim:flight",
-    "fuzzbee run udpin:127.0.0.1:14550 --rate 50",
-    "fuzzbee run /dev/ttyUSB0:57600 --request-rate 50 --record flight.tlog",
-    "fuzzbee run flight.tlog --speed 4",
-    "fuzzbee run tcp:127.0.0.1:5760 -m client -e tcp/192.168.1.10:7447",
-)
-
 _SOURCE = "sim:, sim:flight, udpin:H:P, udpout:H:P, tcp:H:P, tcpin:H:P, DEVICE:BAUD or a log file."
 _REQUEST = "Ask for this IMU rate."
 _ALLOW = "Refuse frames of all other systems: 1,2,10-19."
@@ -67,7 +59,13 @@ class RunOptions(NamedTuple):
     verbose: bool = opt.VERBOSE
 
 
-@opt.command
+@opt.command(
+    "fuzzbee run sim:flight",
+    "fuzzbee run udpin:127.0.0.1:14550 --rate 50",
+    "fuzzbee run /dev/ttyUSB0:57600 --request-rate 50 --record flight.tlog",
+    "fuzzbee run flight.tlog --speed 4",
+    "fuzzbee run tcp:127.0.0.1:5760 -m client -e tcp/192.168.1.10:7447",
+)
 def run(options: RunOptions) -> int:
     """Estimate attitudes live and publish them."""
     opt.require_positive("--rate", options.rate_hz)

@@ -18,13 +18,6 @@ if TYPE_CHECKING:
     from fuzzbee.reception import Reception, Record
     from fuzzbee.terminal import TerminalView
 
-EPILOG = opt.examples(
-    "fuzzbee watch",
-    "fuzzbee watch 1",
-    "fuzzbee watch --json -n 100 > attitudes.jsonl",
-    "fuzzbee watch -m client -e tcp/192.168.1.10:7447",
-)
-
 HINT_AFTER_S = 3.0
 WAIT_S = 0.1
 NOBODY = ": is fuzzbee run started, with the same Zenoh options?"
@@ -46,7 +39,12 @@ class WatchOptions(NamedTuple):
     verbose: bool = opt.VERBOSE  # read by the command line itself
 
 
-@opt.command
+@opt.command(
+    "fuzzbee watch",
+    "fuzzbee watch 1",
+    "fuzzbee watch --json -n 100 > attitudes.jsonl",
+    "fuzzbee watch -m client -e tcp/192.168.1.10:7447",
+)
 def watch(options: WatchOptions) -> int:
     """Show what a running service publishes.
 

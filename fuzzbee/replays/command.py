@@ -31,17 +31,6 @@ _SMOOTH = "The attitude that the whole log shows, not only what came before."
 
 score = partial(opt.option, rich_help_panel="Score")
 
-EPILOG = opt.examples(
-    "fuzzbee replay flight.tlog",
-    "fuzzbee replay flight.tlog flight.bin --reference autopilot --skip 40 --json",
-    "fuzzbee replay flight.tlog --plot flight.png --csv flight.csv",
-    "fuzzbee replay flight.tlog --from arm --to disarm --plot flight.html",
-    "fuzzbee replay flight.tlog --smooth --csv best.csv",
-    "fuzzbee replay a.tlog b.bin --profile imu --profile mine.toml --plot both.pdf",
-    "fuzzbee replay sim: --profile paper --seeds 0-19",
-    "fuzzbee replay sim: --profile adaptive --seeds 0-99 --plot gain.pdf --csv gain.csv",
-)
-
 
 class ReplayOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
@@ -79,7 +68,16 @@ class ReplayOptions(NamedTuple):
     as_json: bool = opt.JSON
 
 
-@opt.command
+@opt.command(
+    "fuzzbee replay flight.tlog",
+    "fuzzbee replay flight.tlog flight.bin --reference autopilot --skip 40 --json",
+    "fuzzbee replay flight.tlog --plot flight.png --csv flight.csv",
+    "fuzzbee replay flight.tlog --from arm --to disarm --plot flight.html",
+    "fuzzbee replay flight.tlog --smooth --csv best.csv",
+    "fuzzbee replay a.tlog b.bin --profile imu --profile mine.toml --plot both.pdf",
+    "fuzzbee replay sim: --profile paper --seeds 0-19",
+    "fuzzbee replay sim: --profile adaptive --seeds 0-99 --plot gain.pdf --csv gain.csv",
+)
 def replay(options: ReplayOptions) -> None:
     """Estimate over logs and score it against a reference."""
     _require_numbers(options)

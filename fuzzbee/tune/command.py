@@ -33,14 +33,6 @@ _PARAMETERS = (
     " [default: by source, objective and rate]"
 )
 
-EPILOG = opt.examples(
-    "fuzzbee tune sim: -o tuned.toml",
-    "fuzzbee tune sim: -o tuned.toml --resume --view",
-    "fuzzbee tune monday.tlog tuesday.tlog --hold-out wednesday.tlog -o copter.toml",
-    "fuzzbee tune flight.bin -o copter.toml --objective recovery --plot figures",
-    "fuzzbee tune sim: -o tuned.toml --cluster tcp://127.0.0.1:8786",
-)
-
 
 class TuneRequest(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
@@ -76,7 +68,13 @@ class TuneRequest(NamedTuple):
         return opt.SIMULATION in self.sources
 
 
-@opt.command
+@opt.command(
+    "fuzzbee tune sim: -o tuned.toml",
+    "fuzzbee tune sim: -o tuned.toml --resume --view",
+    "fuzzbee tune monday.tlog tuesday.tlog --hold-out wednesday.tlog -o copter.toml",
+    "fuzzbee tune flight.bin -o copter.toml --objective recovery --plot figures",
+    "fuzzbee tune sim: -o tuned.toml --cluster tcp://127.0.0.1:8786",
+)
 def tune(request: TuneRequest) -> int:
     """Tune a profile with an artificial bee colony.
 
