@@ -108,16 +108,11 @@ def _require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
     """Refuse options that the source has no use for."""
     if options.speed != 1.0 and endpoint.kind != "log":
         raise InputError(f"--speed is for logs, {endpoint} comes at its own pace")
-    asked = opt.asked_for(options, "record", "request_rate_hz")
-    secured = ("allow_system_ids", "signing_key_file", "insecure_key_file")
-    for option in (*asked, *opt.asked_for(options, *secured)):
-        if endpoint.kind == "log":
-            raise InputError(f"{option} is for a live vehicle, {endpoint} is a log")
-        if endpoint.kind == "sim" and option in asked:
-            lacks = "sim: has no MAVLink to record or to ask; start fuzzbee sim --to URL"
-            raise InputError(f"{option}: {lacks}")
-        if endpoint.kind == "sim":
-            raise InputError(f"{option} is for a MAVLink link, sim: has no frames")
+    of_link = ("record", "request_rate_hz", "allow_system_ids")
+    why = {"log": f"{endpoint} is a log", "sim": "sim: has none; start fuzzbee sim --to URL"}
+    for option in opt.asked_for(options, *of_link, "signing_key_file", "insecure_key_file"):
+        if endpoint.kind in why:
+            raise InputError(f"{option} is for a MAVLink link, {why[endpoint.kind]}")
 
 
 def _open_source(
@@ -153,17 +148,13 @@ def _open_source(
     except BaseException:
         if recorder is not None and is_new:
             recorder.close()
-            _remove_empty(target)
+            with suppress(OSError):
+                if target.is_dir():
+                    target.rmdir()
+                elif target.stat().st_size == 0:
+                    target.unlink()
         raise
     return source, recorder
-
-
-def _remove_empty(target: Path) -> None:
-    with suppress(OSError):
-        if target.is_dir():
-            target.rmdir()
-        elif target.stat().st_size == 0:
-            target.unlink()
 
 
 def _pipeline(

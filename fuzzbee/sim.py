@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from drivers.endpoint import FORMS, Endpoint, Kind, endpoint_help, parse_endpoint
+from drivers.endpoint import Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
 from fuzzbee import options as opt
 from fuzzbee.notify import notify
@@ -23,13 +23,7 @@ if TYPE_CHECKING:
     from drivers.simulation.fleet import Fleet
 
 LINK_KINDS: tuple[Kind, ...] = ("udpout", "udpin", "tcp", "tcpin")
-LINK_NAMES = frozenset(name for form in FORMS if form.kind in LINK_KINDS for name in form.names)
 EXAMPLE = "--to udpout:127.0.0.1:14550"
-EPILOG = opt.examples(
-    "fuzzbee sim --to udpout:127.0.0.1:14550 --motion flight",
-    "fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn",
-)
-
 MOTIONS = ("paper", "rest", "turn", "flight", "bench")
 _MOTION = (
     "the paper's, none or a level turn, on the paper's signals; a copter's flight;"
@@ -65,7 +59,10 @@ class SimOptions(NamedTuple):
     as_json: bool = opt.JSON
 
 
-@opt.command
+@opt.command(
+    "fuzzbee sim --to udpout:127.0.0.1:14550 --motion flight",
+    "fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn",
+)
 def sim(options: SimOptions) -> int:
     """Run simulated vehicles that speak MAVLink.
 
@@ -119,7 +116,6 @@ def _vehicle_options(options: SimOptions) -> "VehicleOptions":
 def _print_json(
     link: "Connection", options: SimOptions, fleet: "Fleet", seconds: float, errors: dict[str, Any]
 ) -> None:
-    """What was done, as one object."""
     result = {
         "to": str(link.endpoint),
         **{name: getattr(options, name) for name in ("vehicles", "rate_hz", "motion", "seed")},
@@ -147,8 +143,8 @@ def _imu_errors(seed: int) -> dict[str, Any]:
 def _link(text: str | None) -> Endpoint:
     if text is None:
         raise InputError(f"a link to send on is needed, as in {EXAMPLE}")
-    name, colon, _ = text.partition(":")
-    if not colon or name.strip().lower() not in LINK_NAMES:
+    endpoint = parse_endpoint(text)
+    if endpoint.kind not in LINK_KINDS:
         kinds = ", ".join(LINK_KINDS)
         raise InputError(f"--to {text}: the vehicle speaks over {kinds}, as in {EXAMPLE}")
-    return parse_endpoint(text)
+    return endpoint

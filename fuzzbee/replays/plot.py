@@ -112,7 +112,6 @@ def _draw_errors(axes: Sequence[Any], trace: VehicleTrace, points: Thinned) -> N
 
 
 def _draw_internals(axes: Sequence[Any], trace: VehicleTrace, points: Thinned) -> None:
-    """Gain, confidences and bias."""
     time_s, (gain, confidence, bias) = points.time_s, axes
     gain.plot(time_s, points.largest(trace["gain"]), color="tab:green", label="_gain")
     for name, color in (("gravity", "tab:blue"), ("magnetic", "tab:purple")):

@@ -174,11 +174,10 @@ class Replay:
     def __init__(self, profile: Profile, how: How = AS_LIVE) -> None:
         self._how = how
         self.why_empty: str | None = None  # why nothing of the log lay in the window
-        new_estimator = how.new_estimator or self._new_estimator
         self.pipeline = Pipeline(
             profile,
             system_id=how.system_id,
-            new_estimator=new_estimator,
+            new_estimator=how.new_estimator or self._new_estimator,
             fits_built_in=how.fits_built_in,
         )
         self._wrong_turn = exp(scale(radians(how.start_wrong_deg), WRONG_START_AXIS))
@@ -211,7 +210,6 @@ class Replay:
         return max(sending, key=lambda t: (len(t), -t.address.system_id), default=None)
 
     def _trace(self, event: events.VehicleEvent) -> VehicleTrace:
-        """That of the vehicle that an event is about."""
         if event.vehicle not in self.traces:
             self.traces[event.vehicle] = VehicleTrace(event.vehicle)
         return self.traces[event.vehicle]

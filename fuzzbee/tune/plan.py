@@ -65,8 +65,7 @@ def plan(request: TuneRequest) -> Plan:
     if request.limit is None:
         options = options._replace(limit=options.food_sources * len(task.space))
     given = _given(request, task, before, options)
-    options_given = {name: value for name, value in given.items() if value is not None}
-    provenance = replace(provenance, options=options_given, version=__version__)
+    provenance = replace(provenance, options=given, version=__version__)
     return Plan(request, task, before, options, reference, provenance)
 
 
@@ -78,7 +77,7 @@ def _given(
     base = request.base or (MIDPOINT if request.is_simulated else "imu")
     if base not in (*SHIPPED, MIDPOINT):  # a file's name does not fix its content
         base = f"sha256:{sha256(profile_to_toml(before).encode()).hexdigest()}"
-    return {
+    given = {
         "command": "tune",
         "algorithm": search.algorithm,
         "sources": search.food_sources,
@@ -91,6 +90,7 @@ def _given(
         "from": begin,
         "to": end,
     }
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def _search_options(request: TuneRequest) -> SearchOptions:
@@ -130,7 +130,6 @@ def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _paper(request: TuneRequest) -> Found:
-    """The search on the paper's signals."""
     if len(request.sources) > 1 or request.hold_out:
         raise InputError("tune: sim: stands alone, not beside logs")
     for flag in asked_for(request, "objective", "reference", "begin", "end"):
@@ -148,8 +147,7 @@ def _paper(request: TuneRequest) -> Found:
             f"--parameters {request.parameters}: sim: is tuned on membership, or membership,filter"
         )
     task = tasks.PaperTask(base, groups, tuple(noise), tuple(held_out))
-    chosen = {"noise": noise, "held_out": held_out}
-    seeds = {"search": request.seed, **{name: _in_words(each) for name, each in chosen.items()}}
+    seeds = {"search": request.seed, "noise": _in_words(noise), "held_out": _in_words(held_out)}
     provenance = Provenance(inputs=[{"name": SIMULATION}], seeds=seeds)
     return task, base, "simulated vehicle's truth", provenance
 
@@ -168,7 +166,6 @@ def _seeds(option: str, text: str) -> range:
 
 
 def _logs(request: TuneRequest) -> Found:
-    """The search on recorded flights."""
     for flag in asked_for(request, "noise_seeds", "held_out_seeds"):
         raise InputError(f"{flag} goes with sim: only; a log has its own noise")
     goal = request.objective or "flight"
@@ -238,7 +235,6 @@ def _read_flights(request: TuneRequest, base: Profile, *, may_smooth: bool) -> t
 
 
 def _log_groups(request: TuneRequest, goal: str, flights: tuple[Flight, ...]) -> tuple[str, ...]:
-    """The groups of parameters that these flights can tune."""
     slowest = min(flights, key=lambda flight: flight.rate_hz)
     groups = _groups(request, tasks.default_groups(goal, slowest.rate_hz))
     if ("sigma" in groups) != (goal == "coverage"):
