@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from drivers.logs.time_window import Moment, TimeWindow
     from service.zenoh_session import OpeningSession
 
-MAX_GAIN = 1e6
 PROFILES = ("paper", "imu", "adaptive")
 SIMULATION = "sim:"  # the paper's signals, in place of a log
 
@@ -116,12 +115,6 @@ def asked_for(options: Any, *names: str) -> dict[str, Any]:
         for name in names
         if (value := getattr(options, name)) != infos[name].default
     }
-
-
-def require_gain(gain: float | None) -> None:
-    """Refuse a fixed gain that is no number above 0, or beyond any use."""
-    if gain is not None and not 0.0 < gain <= MAX_GAIN:
-        raise InputError(f"--gain {gain:g}: K should be above 0 and at most {MAX_GAIN:g}")
 
 
 def require_extra(package: str, what: str, extra: str) -> None:

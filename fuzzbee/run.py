@@ -74,7 +74,6 @@ def run(options: RunOptions) -> int:
     opt.require_positive("--seconds", options.seconds)
     opt.require_positive("--request-rate", options.request_rate_hz)
     opt.require_positive("--speed", options.speed)
-    opt.require_gain(options.gain)
     if options.outputs.send_as is not None and options.outputs.send_attitude is None:
         raise InputError(f"--as {options.outputs.send_as}: needs --send-attitude URL")
     asked = (("--record", options.record), ("--rrd", options.outputs.rrd))

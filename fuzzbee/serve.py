@@ -22,6 +22,7 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile
 from fuzzbee import options as opt
 from fuzzbee import outputs, security
+from fuzzbee.arguments import gain_of
 from fuzzbee.notify import notify
 from fuzzbee.run import RunOptions
 from fuzzbee.run_report import conclude, recording_word, summary
@@ -50,6 +51,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     """
     endpoint = parse_endpoint(options.source)
     require_openable(endpoint)
+    gain_of("--gain", options.gain)
     # of the built-in vehicle the one that fits its motion
     fitting = PROFILES[endpoint.path or SIM_MOTION] if endpoint.kind == "sim" else DEFAULT_PROFILE
     profile_name = options.profile or fitting

@@ -80,15 +80,9 @@ class ReplayOptions(NamedTuple):
 )
 def replay(options: ReplayOptions) -> None:
     """Estimate over logs and score it against a reference."""
-    _require_numbers(options)
-    if opt.SIMULATION in options.sources:
-        _replay_simulation(options)
-    else:
-        _replay_logs(options)
+    from fuzzbee.arguments import gain_of
 
-
-def _require_numbers(options: ReplayOptions) -> None:
-    opt.require_gain(options.gain)
+    gain_of("--gain", options.gain)
     if not 0.0 <= options.skip < inf:
         raise InputError(f"--skip {options.skip:g}: must be a number of seconds, 0 or more")
     if not abs(options.start_wrong) <= MOST_WRONG_DEG:
@@ -104,6 +98,10 @@ def _require_numbers(options: ReplayOptions) -> None:
                 f"{source}: replay takes sim: (the paper's experiment) or a log;"
                 " fuzzbee run URL --record FILE makes one of fuzzbee sim"
             )
+    if opt.SIMULATION in options.sources:
+        _replay_simulation(options)
+    else:
+        _replay_logs(options)
 
 
 def _require_files(options: ReplayOptions, inputs: "Iterable[str | Path | None]") -> None:

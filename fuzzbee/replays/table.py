@@ -149,13 +149,10 @@ def _share(value: float | None) -> str:
 @contextmanager
 def reading_bar(log: LogFile) -> Iterator[None]:
     """How far a log has been read, from its second piece on, where that goes to a terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield
-        return
-    name = TextColumn("{task.description}", markup=False)
+    console, name = Console(stderr=True), TextColumn("{task.description}", markup=False)
     columns = (name, BarColumn(), DownloadColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
+    hidden = not console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
         size = log.path.stat().st_size
         task = bar.add_task(printable(log.path.name), total=size, visible=False)
         log.on_read = lambda done: bar.update(task, completed=done, visible=done > 0)

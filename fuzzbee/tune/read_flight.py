@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.logs.open import open_log
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from estimator.errors import InputError
 from estimator.live.rows import Rows
@@ -37,8 +36,6 @@ def read_flight(
 
     The smoothed attitude is a reference where ``may_smooth``.
     """
-    with open_log(path) as log:
-        sha256 = log.sha256()
     trace = replay_log(path, profile, How(window=window, new_estimator=LoggedEstimator))
     if len(trace) < 2:
         raise InputError(f"{path}: a single sample of an IMU")
@@ -52,7 +49,7 @@ def read_flight(
     reports, calls = split_calls(recorder.calls)
     found = Flight(
         path=path,
-        sha256=sha256,
+        sha256=trace.log.sha256(),
         message=trace.message,
         reference=trace.reference or "none",
         rows=Rows(*(np.array(trace[name]) for name in ROWS)),

@@ -15,9 +15,8 @@ from drivers.output_file import written_for
 from estimator.arrays import Floats
 from estimator.profile import Profile, profile_to_toml
 from fuzzbee.notify import print_line
-from fuzzbee.tune.figure import draw
 from fuzzbee.tune.plan import Plan
-from fuzzbee.tune.report import has_gained, in_words, remarks, report_of
+from fuzzbee.tune.report import draw, has_gained, in_words, remarks, report_of
 from service.signals import stop_on_signals
 from tuning.optimizers import ALGORITHMS, run_search
 from tuning.processes import Cluster, Pool, available_cores
