@@ -21,7 +21,6 @@ _SIGMA = "68 % of errors lie under it."
 
 
 def _parts(row: Row) -> dict[str, Any]:
-    """What metrics are of; None where there is none."""
     return {
         "age_ms": row.age_ms,
         "attitude": row.attitude,

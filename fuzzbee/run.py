@@ -10,7 +10,6 @@ import typer
 from estimator.errors import InputError
 from fuzzbee import options as opt
 from fuzzbee import outputs
-from fuzzbee.security import INSECURE
 
 MAX_RATE_HZ = 1000.0
 
@@ -44,7 +43,7 @@ class RunOptions(NamedTuple):
     system_id: int | None = opt.source("Only this vehicle.", metavar="ID", min=1, max=255)
     allow_system_ids: str | None = opt.source(_ALLOW, metavar="IDS")
     signing_key_file: Path | None = opt.source(_KEY)
-    insecure_key_file: bool = opt.source(INSECURE, default=False)
+    insecure_key_file: bool = opt.source(opt.INSECURE, default=False)
     profile: str | None = opt.estimate(_PROFILE, metavar="NAME|FILE", words=opt.PROFILES)
     gain: float | None = opt.estimate("A fixed gain instead of the fuzzy one.", metavar="K")
     retune: bool = opt.RETUNE

@@ -14,7 +14,6 @@ from drivers.endpoint import Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
 from fuzzbee import options as opt
 from fuzzbee.notify import notify
-from fuzzbee.security import INSECURE, key_of
 from service.signals import stop_on_signals
 
 if TYPE_CHECKING:
@@ -45,7 +44,7 @@ class SimOptions(NamedTuple):
     url: str | None = typer.Argument(None, help="The same as --to.", hidden=True)
     drop: float = link("probability that a frame is lost", default=0.0, metavar="P")
     signing_key_file: Path | None = link(_KEY)
-    insecure_key_file: bool = link(INSECURE, default=False)
+    insecure_key_file: bool = link(opt.INSECURE, default=False)
     vehicles: int = vehicle("system ids 1 to N on one link", default=1, metavar="N")
     rate_hz: float = vehicle("samples a second", "--rate", default=100.0, metavar="HZ")
     seconds: float | None = vehicle("end after N seconds instead of on Ctrl-C", metavar="N")
@@ -98,6 +97,7 @@ def sim(options: SimOptions) -> int:
 
 def _vehicle_options(options: SimOptions) -> "VehicleOptions":
     from drivers.simulation.autopilot import VehicleOptions
+    from fuzzbee.security import key_of
 
     magnet: tuple[float, float] | None = None
     if options.magnet is not None:

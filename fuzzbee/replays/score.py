@@ -167,7 +167,6 @@ def differences_of(trace: VehicleTrace) -> list[report.DifferenceSummary]:
 
 
 def _retuned(trace: VehicleTrace) -> report.RetunedSummary | msgspec.UnsetType:
-    """What was changed with ``--retune``."""
     estimator = trace.vehicle.estimator
     if not isinstance(estimator, RetunedEstimator):
         return msgspec.UNSET
