@@ -46,16 +46,12 @@ LEVEL_STYLE = {
 
 
 class _Scene(NamedTuple):
-    """What the horizon is drawn of, and its size.
-
-    ``other`` is the autopilot's, and ``compass_deg`` the compass's heading less ours, if they
-    differ.
-    """
+    """What the horizon is drawn of, and its size."""
 
     attitude: AttitudeRecord
     judged: Judgement
-    other: Autopilot | None
-    compass_deg: float | None
+    other: Autopilot | None  # the autopilot's, if it differs
+    compass_deg: float | None  # the compass's heading less ours, if they differ
     width: int
     rows: int
 

@@ -72,10 +72,7 @@ class Row(NamedTuple):
 
 
 class Latest:
-    """The latest records of all vehicles; written by one thread, read by another.
-
-    Where there is no room for one more, who has been silent for longest goes.
-    """
+    """The latest records of all vehicles; written by one thread, read by another."""
 
     def __init__(self) -> None:
         self._rows: dict[str, Row] = {}
@@ -102,7 +99,7 @@ class Latest:
         return texts
 
     def update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
-        """Remember a record."""
+        """Remember a record; for a vehicle too many, who has been silent for longest goes."""
         with self._lock:
             if name not in self._rows and len(self._rows) >= SLOTS:
                 del self._rows[min(self._rows.values(), key=lambda row: row.heard_s).name]

@@ -52,8 +52,7 @@ class TerminalView:
     """Shows what it is given; a sink of the service, and watch's display.
 
     On a terminal a table is redrawn in place, or ``one`` vehicle as an artificial horizon.
-    Elsewhere there is a line a vehicle and second, so that a log of it can be read. Keys go to
-    :meth:`press`, after which ``is_closed`` shows whether one of them was to quit.
+    Elsewhere there is a line a vehicle and second, so that a log of it can be read.
     """
 
     name = "terminal"
@@ -71,7 +70,7 @@ class TerminalView:
         self.title = title
         self.one = self.cursor = one  # the vehicle that is shown alone, that Enter shows alone
         self.order = next(iter(ORDERS))
-        self.is_closed = False
+        self.is_closed = False  # by a key
         self.scores: dict[str, TruthScore] | None = None  # by the vehicle's name
         self._console = console
         self._messages = messages

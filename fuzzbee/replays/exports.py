@@ -201,10 +201,7 @@ def write_mcap(path: Path, trace: VehicleTrace) -> None:
 
 
 def _topics(tables: dict[str, list[str]]) -> Iterator[tuple[str, str, str, str, bytes]]:
-    """Name, encoding of the messages, and their type, its encoding and the type in that.
-
-    ``tables`` are topics, and their columns.
-    """
+    """Name, encoding of the messages, and their type, its encoding and the type in that."""
     number, whole, text = ({"type": kind} for kind in ("number", "integer", "string"))
     frame = {
         "timestamp": _object({"sec": whole, "nsec": whole}, title="time"),
@@ -274,10 +271,7 @@ def _values(trace: VehicleTrace, kind: Any, rows: slice) -> Iterator[Any]:
 
 
 def show(viewer: "ViewerSink", trace: VehicleTrace) -> None:
-    """Draw what the service would have published at the samples, and the attitudes by others.
-
-    Times are the log's own.
-    """
+    """Draw what the service would have published at the log's times, and attitudes by others."""
     for rows in blocks(len(trace)):
         times_us, arrivals_us = trace["time_us"][rows], trace["arrival_us"][rows].tolist()
         peers = {name: track.at(times_us).tolist() for name, track in trace.references.items()}

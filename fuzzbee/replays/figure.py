@@ -132,10 +132,7 @@ def add_text(ax: Any, text: str) -> None:
 
 
 def _write_page(sheet: Any, axes: list[Any], path: Path, script: str | None) -> None:
-    """Write a matplotlib figure as an interactive page; the same figure gives the same bytes.
-
-    Axes with the same range of x zoom together.
-    """
+    """Write a matplotlib figure as a page; axes with the same range of x zoom together."""
     from plotly.io import write_html
 
     title = {"text": _html(sheet.get_suptitle()), "font": {"size": 14}, "x": 0.5, "y": 0.99}

@@ -39,16 +39,13 @@ Band = tuple[str, str, float, list[Span]]  # name, colour, opacity, and what is 
 
 
 class Thinned:
-    """No more points of lines over time than are seen, and none across a gap.
-
-    Of samples at times (N,); ``time_s`` are those that are drawn, (M,).
-    """
+    """No more points of lines over time (N,) than are seen, and none across a gap."""
 
     def __init__(self, time_s: Floats) -> None:
         self._step = 1 + len(time_s) // MOST_POINTS
         shown_s, spans = time_s[:: self._step], np.reshape(_gaps(time_s), (-1, 2))
         self._breaks = np.searchsorted(shown_s, spans[:, 1])
-        self.time_s = np.insert(shown_s, self._breaks, spans.mean(axis=1))
+        self.time_s = np.insert(shown_s, self._breaks, spans.mean(axis=1))  # what is drawn (M,)
 
     def every(self, values: Floats) -> Floats:
         """Some of the values (N,) or (N, K), and NaN in each gap."""
@@ -159,17 +156,14 @@ def _cap(ax: Any, *angles_deg: Floats) -> None:
 
 
 class ComparisonPlot:
-    """Several replays in one figure: their errors or differences, a row a log, a line a profile.
-
-    Collects replays; each keeps no more than a line needs.
-    """
+    """Several replays in one figure: their errors or differences, a row a log, a line a profile."""
 
     def __init__(self) -> None:
         # by the log and by what an angle to its reference is
         self._rows: dict[tuple[str, str], list[tuple[str, Floats, Floats]]] = {}
 
     def add(self, profile: str, trace: VehicleTrace) -> None:
-        """Take one replay."""
+        """Take one replay, of which no more is kept than a line needs."""
         errors, points = np.degrees(trace["error_rad"]), Thinned(trace.time_s)
         if not trace.has_heading:
             errors[:, 1] = np.nan  # a heading from nowhere has no error
@@ -251,10 +245,7 @@ def _gaps(time_s: Floats) -> list[Span]:
 
 
 def _marks(trace: VehicleTrace) -> list[tuple[float, str]]:
-    """When modes, arming and warnings came, and their names; first the mode that it began in.
-
-    Seconds of the log are by the samples' arrivals.
-    """
+    """When modes, arming and warnings came (s), and their names; first the mode at first."""
     arrivals_us = trace["arrival_us"]
     begin_us = int(arrivals_us[0])
     found = [(us, mode_name(*trace.kind, number)) for us, number in trace.modes]

@@ -40,18 +40,14 @@ Found = tuple[tasks.Task, Profile, str, Provenance]
 
 
 class Plan(NamedTuple):
-    """What is searched and how, the profile that it is to beat, and the reference of the cost.
-
-    ``provenance`` holds everything that determines the result: options (what was left to a default
-    counts as if it had been given), inputs, seeds and the version.
-    """
+    """What is searched and how."""
 
     request: TuneRequest
     task: tasks.Task
-    before: Profile
+    before: Profile  # which the result is to beat
     options: SearchOptions
-    reference: str
-    provenance: Provenance
+    reference: str  # of the cost
+    provenance: Provenance  # all that determines the result: options, inputs, seeds and version
 
 
 def plan(request: TuneRequest) -> Plan:
