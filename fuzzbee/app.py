@@ -1,8 +1,4 @@
-"""All verbs as one command-line application.
-
-This file and the verbs import nothing heavy: that happens inside the
-functions, so that ``--help`` and ``--version`` are quick.
-"""
+"""All verbs as one application; nothing heavy is imported, so that ``--help`` is quick."""
 
 from collections import defaultdict
 from typing import Annotated, Any

@@ -17,12 +17,9 @@ from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile, load_profile
 from estimator.types import Vec3
 
 MICROSECONDS = 1e6
-# Microseconds fit into 64 bits up to here, 285 000 years.
-MOST_S = 9e12
-# Of a satellite receiver's or an autopilot's velocity, unless another sigma is given.
-VELOCITY_SIGMA_M_S = 0.3
-# Latitude, longitude (deg), altitude (m), Unix time (s).
-MOST_PLACE = (90.0, 360.0, inf, MOST_S)
+MOST_S = 9e12  # 285 000 years: microseconds fit into 64 bits up to here
+VELOCITY_SIGMA_M_S = 0.3  # of a satellite receiver's or an autopilot's velocity
+MOST_PLACE = (90.0, 360.0, inf, MOST_S)  # latitude, longitude (deg), altitude (m), Unix time (s)
 
 
 def number(name: str, given: Any, low: float = -inf, high: float = inf, of: str = "") -> float:

@@ -23,8 +23,7 @@ from fuzzbee.arguments import array, number, profile_of, rotation, vector
 if TYPE_CHECKING:
     from skfuzzy.control import ControlSystem
 
-# Below this share of the largest, the smallest eigenvalue of M means that vectors span no space.
-FLAT = 1e-9
+FLAT = 1e-9  # the least eigenvalue of M as a share of the largest: vectors span no space
 Gain = Callable[[float, float], float]
 
 

@@ -45,10 +45,7 @@ LONG_WAIT_S = 1.0
 
 
 def serve(options: RunOptions, opening: OpeningSession | None) -> int:
-    """Open everything, loop until the end, close everything, and report the result.
-
-    Returns 1 if no vehicle was heard in the time given, else 0.
-    """
+    """Open everything, loop until the end, close everything, and report; the exit status."""
     endpoint = parse_endpoint(options.source)
     require_openable(endpoint)
     gain_of("--gain", options.gain)
@@ -185,10 +182,7 @@ def _sinks(
     requests: ParameterRequests,
     problems: list[Exception],
 ) -> Iterator[Sink]:
-    """Open what was asked for, and a view last, which prints what the source reports.
-
-    That another service publishes there is one of ``problems``.
-    """
+    """Open what was asked for, and a view last, which prints what the source reports."""
 
     def on_conflict(key: str) -> None:
         if options.second:

@@ -93,13 +93,10 @@ class TerminalView:
         self.refresh()
 
     def notify(self, *texts: str) -> None:
-        """Lines for a person, above the table; on the screen of one vehicle the last at its foot.
-
-        All are written at one go: hundreds of vehicles that begin send several each.
-        """
+        """Lines for a person, above the table; on one vehicle's screen the last at its foot."""
         if not texts:
             return
-        shown = [*map(printable, texts)]
+        shown = [*map(printable, texts)]  # written at one go: vehicles that begin send several each
         self._message, self._message_s = shown[-1], self._now_s()
         if self._live is None:
             _print(self._messages, shown, style="dim")
@@ -208,10 +205,7 @@ def pressed_keys(descriptor: int) -> list[str]:
 
 @contextmanager
 def terminal_keys() -> Iterator[Callable[[], list[str]]]:
-    """What gives the keys of standard input, none where that is no terminal of ours.
-
-    Ctrl-C stays what it is.
-    """
+    """What gives the keys of standard input, none where that is no terminal of ours."""
     try:
         descriptor = sys.stdin.fileno()
         before = termios.tcgetattr(descriptor)
@@ -222,7 +216,7 @@ def terminal_keys() -> Iterator[Callable[[], list[str]]]:
         yield list
         return
     try:
-        tty.setcbreak(descriptor, termios.TCSANOW)
+        tty.setcbreak(descriptor, termios.TCSANOW)  # Ctrl-C stays what it is
         yield partial(pressed_keys, descriptor)
     finally:
         with suppress(termios.error, OSError):

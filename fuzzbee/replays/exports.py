@@ -39,10 +39,8 @@ if TYPE_CHECKING:
 Columns = dict[str, NDArray[Any]]  # (N,) each
 
 LARGE = 1e8  # a date in seconds, to the microsecond
-# Stamps before September 2001 count from the vehicle's start: it knew no date.
-EARLIEST_UNIX_US = 10**15
-# ROS has 31 bits for the seconds, until 2038: a later date is a garbled stamp.
-LATEST_UNIX_US = 10**6 << 31
+EARLIEST_UNIX_US = 10**15  # September 2001; stamps before that count from the vehicle's start
+LATEST_UNIX_US = 10**6 << 31  # 2038, as ROS has 31 bits: a later date is a garbled stamp
 
 ANGLES, ERRORS = ("roll", "pitch", "yaw"), ("total", "heading", "inclination")
 AS_THEY_ARE = ("error", "error_rate_1_s", "gain", "confidence_gravity", "confidence_magnetic")

@@ -42,8 +42,7 @@ STYLE: Any = {
 }
 LAYOUT_DIGITS = 5
 TITLE_WIDTH = 84  # letters in a line; a file's name may have no blanks
-# A page as wide as a screen, and high enough for each pair of axes to be read.
-PIXELS_AN_INCH = 130
+PIXELS_AN_INCH = 130  # of a page as wide as a screen: high enough for all axes to be read
 MARGIN = {"l": 0, "r": 0, "t": 30, "b": 0}  # for the buttons
 WIDER = 1.5  # than on paper a line has to be
 PAPER = "rgba(255,255,255,0.7)"  # under words, so that they are readable over a line

@@ -17,19 +17,14 @@ from fuzzbee.replays.trace import VehicleTrace
 
 PAGE_INCHES = (7.1, 9.8)  # between its margins
 ROW_INCHES = 2.2
-# With more points a line looks the same and the file only grows.
-MOST_POINTS = 20_000
+MOST_POINTS = 20_000  # with more a line looks the same and the file only grows
 NEAR = 0.015  # of the width: names of two marks would hide each other
 # The autopilot is no truth: from it an estimate only differs.
 ERROR_WORDS = {"sim": "error", "autopilot": "difference"}
 TIME = "time in s"
-# Silence this many median periods long, and this long (s), is a gap to be shown.
-GAP_PERIODS = 5.0
-LEAST_GAP_S = 0.3
-# A field is contradicted where its confidence is this share of the usual one or less.
-CONTRADICTED = 0.5
-# What lasts less (s) is no band, and two bands that are nearer to each other are one.
-LEAST_S = 1.0
+GAP_PERIODS, LEAST_GAP_S = 5.0, 0.3  # silence for so many median periods, and so long, is shown
+CONTRADICTED = 0.5  # a field is, where its confidence is this share of the usual one or less
+LEAST_S = 1.0  # what lasts less is no band; bands that are nearer to each other are one
 CLIPPED_SAMPLES = 2  # in a row at the same largest reading: chance has one
 MOST_TEXTS = 20  # a failing autopilot repeats itself
 LETTERS = 32  # of a text that are shown

@@ -20,10 +20,7 @@ MOST_DIFFERENCES = 10  # that are listed; --json has all
 
 
 def print_reports(reports: Sequence[schema.LogReport]) -> None:
-    """Print a list of figures for one log, a table for several; both fit 80 columns.
-
-    With the profiles named there is no room in 80 columns for all the rest.
-    """
+    """Print a list of figures for one log, a table for several; both fit 80 columns."""
     if len(reports) == 1:
         _print_grid([*_figures(reports[0]), *_after(reports[0])])
         return
@@ -33,7 +30,7 @@ def print_reports(reports: Sequence[schema.LogReport]) -> None:
     if has_profiles:
         table.add_column("profile", overflow="fold")
     names = ("against", "total", "head.", "incl.", "p95")
-    for heading in names if has_profiles else ("Hz", "s", *names):
+    for heading in names if has_profiles else ("Hz", "s", *names):  # no room for both
         table.add_column(heading, justify="right", no_wrap=True)
     for report in reports:
         rate = (_number(report.imu.median_rate_hz, 1), f"{report.duration_s:.0f}")

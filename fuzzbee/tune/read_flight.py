@@ -32,10 +32,7 @@ def read_flight(
     *,
     may_smooth: bool = True,
 ) -> Flight:
-    """The vehicle with most IMU samples in ``window``, with all that its estimator was given.
-
-    The smoothed attitude is a reference where ``may_smooth``.
-    """
+    """The vehicle with most IMU samples in ``window``, with all that its estimator was given."""
     trace = replay_log(path, profile, How(window=window, new_estimator=LoggedEstimator))
     if len(trace) < 2:
         raise InputError(f"{path}: a single sample of an IMU")

@@ -18,8 +18,7 @@ from tuning.paper_experiment import run_experiment
 from tuning.search import Search, checkpoint_path
 from tuning.space import values_of
 
-# A profile gains if the held-out cost falls by this share at least: less is chance.
-LEAST_GAIN = 0.01
+LEAST_GAIN = 0.01  # share by which the held-out cost has to fall: less is chance
 COMPARED_WITH = {
     "calibration_alone": "the calibration alone",
     "random_search": "random search, same budget",

@@ -26,8 +26,7 @@ from tuning.space import encode, profile_with, values_of
 if TYPE_CHECKING:
     from fuzzbee.tune.view import SearchView
 
-# A checkpoint is written this often, so a power cut costs no more of a search.
-CHECKPOINT_PERIOD_S = 20.0
+CHECKPOINT_PERIOD_S = 20.0  # a power cut costs no more of a search
 NO_GAIN = 1
 INTERRUPTED = 130
 

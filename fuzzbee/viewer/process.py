@@ -18,8 +18,7 @@ HOST = "127.0.0.1"
 WEB_PORT = 9090  # Rerun's own; a free one if it is taken
 START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 2.0
-# A minute or two.
-LIVE_HISTORY = "2MB"
+LIVE_HISTORY = "2MB"  # a minute or two
 
 
 class ViewerProcess:
