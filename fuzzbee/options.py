@@ -124,10 +124,11 @@ def require_extra(package: str, what: str, extra: str) -> None:
         raise missing_extra(what, extra)
 
 
-def require_positive(name: str, value: float | None) -> None:
-    """Refuse zero, negative numbers, infinity and NaN."""
-    if value is not None and not (isfinite(value) and value > 0.0):
-        raise InputError(f"{name} {value:g}: should be a number above 0")
+def require_positive(options: Any, *names: str) -> None:
+    """Refuse zero, negative numbers, infinity and NaN in these fields."""
+    for flag, value in asked_for(options, *names).items():
+        if not (isfinite(value) and value > 0.0):
+            raise InputError(f"{flag} {value:g}: should be a number above 0")
 
 
 def seed_range(text: str, name: str = "--seeds") -> range:

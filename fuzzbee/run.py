@@ -67,12 +67,9 @@ class RunOptions(NamedTuple):
 )
 def run(options: RunOptions) -> int:
     """Estimate attitudes live and publish them."""
-    opt.require_positive("--rate", options.rate_hz)
+    opt.require_positive(options, "rate_hz", "seconds", "request_rate_hz", "speed")
     if options.rate_hz > MAX_RATE_HZ:
         raise InputError(f"--rate {options.rate_hz:g}: should be at most {MAX_RATE_HZ:g}")
-    opt.require_positive("--seconds", options.seconds)
-    opt.require_positive("--request-rate", options.request_rate_hz)
-    opt.require_positive("--speed", options.speed)
     if options.outputs.send_as is not None and options.outputs.send_attitude is None:
         raise InputError(f"--as {options.outputs.send_as}: needs --send-attitude URL")
     asked = (("--record", options.record), ("--rrd", options.outputs.rrd))

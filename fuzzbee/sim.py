@@ -76,7 +76,7 @@ def sim(options: SimOptions) -> int:
 
         endpoint = _link(options.to or options.url)
         seconds, vehicles = options.seconds, options.vehicles
-        opt.require_positive("--seconds", seconds)
+        opt.require_positive(options, "seconds")
         fleet = Fleet(_vehicle_options(options), vehicles)
         connection = Connection(endpoint, report=_notify)
         connection.open()

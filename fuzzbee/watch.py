@@ -52,7 +52,7 @@ def watch(options: WatchOptions) -> int:
     """
     from fuzzbee.reception import VEHICLE
 
-    opt.require_positive("--seconds", options.seconds)
+    opt.require_positive(options, "seconds")
     if options.most is not None and options.most < 1:
         raise InputError(f"--count {options.most}: should be at least 1")
     if options.web is not None and options.as_json:

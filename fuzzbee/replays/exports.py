@@ -70,13 +70,10 @@ Message = tuple[str, int, bytes]  # topic, time (us), data
 
 
 def stamps_us(trace: VehicleTrace) -> tuple[Times, bool]:
-    """Unix time (N,) of the samples; if the log's stamps are no dates, the time since the first.
-
-    And which it is. Times never go back.
-    """
+    """Unix time (N,) of the samples, or since the first if the stamps are no dates; which it is."""
     found = trace["unix_us"]
     if trace["arrival_us"][0] >= EARLIEST_UNIX_US and found.max() < LATEST_UNIX_US:
-        return np.maximum.accumulate(found), True
+        return np.maximum.accumulate(found), True  # never back
     return trace["time_us"] - trace.zero_us, False
 
 
