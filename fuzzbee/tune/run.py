@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec.structs import replace
 from rich.console import Console
-from rich.progress import MofNCompleteColumn, Progress
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from drivers.output_file import written_for
 from estimator.arrays import Floats
@@ -88,7 +88,8 @@ def _run(
     task, request, options = plan.task, plan.request, plan.options
     checkpoint, saved_s = checkpoint_path(request.output), time.monotonic()
     console = Console(stderr=True)
-    columns = (*Progress.get_default_columns(), MofNCompleteColumn(), "evaluations")
+    name, count = TextColumn("{task.description}, evaluations"), MofNCompleteColumn()
+    columns = (name, BarColumn(20), count, TimeRemainingColumn())
     bar = Progress(*columns, console=console, disable=not console.is_terminal)
     line = bar.add_task(options.algorithm, total=options.budget)
     cores = request.threads or available_cores()
