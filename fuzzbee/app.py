@@ -10,8 +10,6 @@ from fuzzbee.replays import command as replay
 from fuzzbee.tune import command as tune
 from fuzzbee.version import __version__
 
-HELP = "Estimate a vehicle's attitude from its MAVLink stream, live."
-
 VERBS = (run.run, sim.sim, watch.watch, replay.replay, check.check, calibrate.calibrate, tune.tune)
 EPILOG = """Start here:
 
@@ -41,7 +39,7 @@ def build_command(*, decorated: bool) -> Any:
     """All verbs; ``decorated`` help has boxes and colours, for a terminal, and is slower."""
     app = typer.Typer(
         name="fuzzbee",
-        help=HELP,
+        help="Estimate a vehicle's attitude from its MAVLink stream, live.",
         epilog=EPILOG,
         invoke_without_command=True,
         rich_markup_mode="rich" if decorated else None,

@@ -48,8 +48,6 @@ LAST_OF_ATTITUDE = "heading_reference"  # of the columns; those behind it are of
 
 # East, north, up; the vehicle's body; and the same body as the reference has it.
 WORLD, BODY, REFERENCE_BODY = "map", "base_link", "reference"
-FRAME_TRANSFORM = "foxglove.FrameTransform"
-IMU = "sensor_msgs/msg/Imu"
 IMU_DEFINITION = f"\n{'=' * 80}\nMSG: ".join(
     (
         """std_msgs/Header header
@@ -112,10 +110,7 @@ def write_csv(path: Path, trace: VehicleTrace) -> None:
 
 def write_columns(path: Path, parts: Iterable[Columns]) -> None:
     """Columns as CSV with a heading; nine significant digits, empty where unknown."""
-    with (
-        written_for("--csv", path) as fresh,
-        fresh.open("w", encoding="utf-8", newline="") as file,
-    ):
+    with written_for("--csv", path) as fresh, fresh.open("w", encoding="utf-8", newline="") as file:
         out = csv.writer(file, lineterminator="\n")
         for number, part in enumerate(parts):
             if number == 0:
@@ -205,14 +200,14 @@ def _topics(tables: dict[str, list[str]]) -> Iterator[tuple[str, str, str, str, 
         "translation": _object(dict.fromkeys("xyz", number), title="foxglove.Vector3"),
         "rotation": _object(dict.fromkeys("xyzw", number), title="foxglove.Quaternion"),
     }
-    schemas = {"/tf": _object(frame, title=FRAME_TRANSFORM)}
+    schemas = {"/tf": _object(frame, title="foxglove.FrameTransform")}
     for topic, names in tables.items():
         kinds = {name: text if name == LAST_OF_ATTITUDE else number for name in names}
         schemas[topic] = _object(kinds)
     for topic, schema in schemas.items():
         kind = schema.get("title", f"fuzzbee.{topic[1:]}")
         yield topic, "json", kind, "jsonschema", msgspec.json.encode(schema)
-    yield "/imu", "cdr", IMU, "ros2msg", IMU_DEFINITION.encode()
+    yield "/imu", "cdr", "sensor_msgs/msg/Imu", "ros2msg", IMU_DEFINITION.encode()
 
 
 def _object(properties: dict[str, Any], **named: str) -> dict[str, Any]:
