@@ -152,7 +152,8 @@ def reading_bar(log: LogFile) -> Iterator[None]:
     with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
         size = log.path.stat().st_size
         task = bar.add_task(printable(log.path.name), total=size, visible=False)
-        log.on_read = lambda done: bar.update(task, completed=done, visible=done > 0)
+        if not hidden:
+            log.on_read = lambda done: bar.update(task, completed=done, visible=done > 0)
         try:
             yield
         finally:
