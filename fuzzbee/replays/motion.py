@@ -13,7 +13,7 @@ REST_ACC_M_S2 = 0.3
 MOST_BIAS_RAD_S = np.radians(4.0)  # a steady rate above that of any gyroscope's bias is a turn
 WINDOW_S = 1.5  # before a sample, and again behind it
 MARGIN_US = 1_501_000
-BELOW, ABOVE = 1.0 - 1e-9, 1.0 + 1e-9  # the medians themselves decide what lies so near
+BELOW, ABOVE = 1.0 - 1e-9, 1.0 + 1e-9  # so near a limit the medians themselves decide
 
 
 def motion_mask(columns: Any) -> Bools:

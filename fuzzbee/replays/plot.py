@@ -240,7 +240,7 @@ def _gaps(time_s: Floats) -> list[Span]:
 
 
 def _marks(trace: VehicleTrace) -> list[tuple[float, str]]:
-    """When modes, arming and warnings came (s), and their names; first the mode at first."""
+    """When modes, arming and warnings came (s), and their names; first the mode it began in."""
     arrivals_us = trace["arrival_us"]
     begin_us = int(arrivals_us[0])
     found = [(us, mode_name(*trace.kind, number)) for us, number in trace.modes]

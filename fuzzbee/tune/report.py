@@ -154,7 +154,8 @@ def draw(folder: Path, plan: Plan, tuned: Profile, search: Search) -> None:
             before, after = fuzzy_sets(plan.before.k), fuzzy_sets(tuned.k)
             draw_sets(axes[-2], "e, |de/dt| in 1/s", after.inputs, before.inputs)
             draw_sets(axes[-1], "k_op", after.output, before.output)
-            axes[-2].set_title("Fuzzy sets, dotted: before")
+            for ax in axes[-2:]:
+                ax.set_title("Fuzzy sets, dotted: before")
 
 
 def _draw_error_over_time(axes: Any, seed: int, before: Profile, tuned: Profile) -> None:
