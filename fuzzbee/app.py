@@ -1,8 +1,4 @@
-"""All verbs as one command-line application.
-
-This file and the verbs import nothing heavy: that happens inside the
-functions, so that ``--help`` and ``--version`` are quick.
-"""
+"""All verbs as one application; nothing heavy is imported, so that ``--help`` is quick."""
 
 from collections import defaultdict
 from typing import Annotated, Any
@@ -14,17 +10,7 @@ from fuzzbee.replays import command as replay
 from fuzzbee.tune import command as tune
 from fuzzbee.version import __version__
 
-HELP = "Estimate a vehicle's attitude from its MAVLink stream, live."
-
-VERBS: dict[str, Any] = {
-    "run": run,
-    "sim": sim,
-    "watch": watch,
-    "replay": replay,
-    "check": check,
-    "calibrate": calibrate,
-    "tune": tune,
-}
+VERBS = (run.run, sim.sim, watch.watch, replay.replay, check.check, calibrate.calibrate, tune.tune)
 EPILOG = """Start here:
 
   fuzzbee run sim:flight         the service on its built-in vehicle
@@ -53,18 +39,16 @@ def build_command(*, decorated: bool) -> Any:
     """All verbs; ``decorated`` help has boxes and colours, for a terminal, and is slower."""
     app = typer.Typer(
         name="fuzzbee",
-        help=HELP,
+        help="Estimate a vehicle's attitude from its MAVLink stream, live.",
         epilog=EPILOG,
-        no_args_is_help=False,
         invoke_without_command=True,
-        add_completion=True,
         rich_markup_mode="rich" if decorated else None,
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["--help", "-h"]},
     )
     app.callback()(_main_options)
-    for verb, module in VERBS.items():
-        app.command(cls=Grouped, epilog=module.EPILOG)(getattr(module, verb))
+    for verb in VERBS:
+        app.command(cls=Grouped, epilog=verb.epilog)(verb)
     app.add_typer(profile.profile_app, name="profile")
     made = typer.main.get_command(app)
     if decorated:

@@ -13,16 +13,13 @@ from estimator.aiding.sources.source import SPEED_LIMIT_M_S
 from estimator.arrays import Floats, Times
 from estimator.errors import InputError
 from estimator.live.rows import HAS_VERTICAL, REPORT_SIZE, ROW, SIGMA_M_S, TIME, X, Z
-from estimator.profile import Profile, load_profile
+from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile, load_profile
 from estimator.types import Vec3
 
 MICROSECONDS = 1e6
-# Microseconds fit into 64 bits up to here, 285 000 years.
-MOST_S = 9e12
-# Of a satellite receiver's or an autopilot's velocity, unless another sigma is given.
-VELOCITY_SIGMA_M_S = 0.3
-# Latitude, longitude (deg), altitude (m), Unix time (s).
-MOST_PLACE = (90.0, 360.0, inf, MOST_S)
+MOST_S = 9e12  # 285 000 years: microseconds fit into 64 bits up to here
+VELOCITY_SIGMA_M_S = 0.3  # of a satellite receiver's or an autopilot's velocity
+MOST_PLACE = (90.0, 360.0, inf, MOST_S)  # latitude, longitude (deg), altitude (m), Unix time (s)
 
 
 def number(name: str, given: Any, low: float = -inf, high: float = inf, of: str = "") -> float:
@@ -37,6 +34,11 @@ def number(name: str, given: Any, low: float = -inf, high: float = inf, of: str 
         )
         raise InputError(f"{name} {given!s:.60}: must be a number{of}{within}")
     return value
+
+
+def gain_of(name: str, given: Any) -> float | None:
+    """A fixed gain K, if one was given."""
+    return None if given is None else number(name, given, LEAST_GAIN, MOST_GAIN)
 
 
 def vector(name: str, given: ArrayLike) -> Vec3:

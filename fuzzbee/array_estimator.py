@@ -25,7 +25,7 @@ from estimator.live.rows import (
     reports_between,
     rows_of,
 )
-from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
+from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3, VelocitySample
 from fuzzbee import arguments
@@ -80,11 +80,10 @@ class Estimator:
     ) -> None:
         if rate_hz is not None:
             rate_hz = number("rate_hz", rate_hz, 1.0 / MICROSECONDS, MICROSECONDS, " a second")
-        if gain is not None:
-            gain = number("gain", gain, LEAST_GAIN, MOST_GAIN)
         self.profile = arguments.profile_of(profile)
         self._is_plain = self.profile.has_plain_imu
         self._rate_hz = rate_hz
+        gain = arguments.gain_of("gain", gain)
         self._fixed: dict[str, Any] = {"gain": gain, "compass_calibrated": compass_calibrated}
         self.reset()
 

@@ -19,10 +19,24 @@ UNITS = {"gyr_bias_rad_s": "rad/s", "acc_bias_m_s2": "m/s²", "mag_offset_gauss"
 _PROFILE = "imu, adaptive or a TOML file; its own calibration is set aside."
 _PLACE = "Where it flew, in degrees. [default: what the log says]"
 _OUTPUT = "Write that profile with the calibration found."
-_SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
 _COMPASS = "Which compass, from 0 on. [default: that of the IMU's message]"
 
-EPILOG = opt.examples(
+
+class CalibrateOptions(NamedTuple):
+    """The arguments and options of the verb, in the order of its help."""
+
+    logs: list[Path] = typer.Argument(metavar="LOG...", help="Logs of one IMU's turns.")
+    output: Path | None = opt.option(_OUTPUT, "-o", "--output")
+    profile: str = opt.option(_PROFILE, default="imu")
+    place: str | None = opt.option(_PLACE, metavar="LAT,LON")
+    system_id: int | None = opt.SYSTEM_ID
+    compass: int | None = opt.option(_COMPASS, metavar="0..2")
+    begin: str | None = opt.BEGIN
+    end: str | None = opt.END
+    as_json: bool = opt.JSON
+
+
+@opt.command(
     "fuzzbee calibrate flight.tlog",
     "fuzzbee calibrate bench1.tlog bench2.tlog -o mine.toml",
     "fuzzbee calibrate flight.bin --from 120 --to 300 > mine.toml",
@@ -30,23 +44,6 @@ EPILOG = opt.examples(
     "fuzzbee calibrate imu.csv --place 47.40,8.55",
     "fuzzbee calibrate flight.tlog --json",
 )
-
-
-class CalibrateOptions(NamedTuple):
-    """The arguments and options of the verb, in the order of its help."""
-
-    logs: list[Path] = typer.Argument(metavar="LOG...", help="Logs of one IMU's turns.")
-    output: Path | None = opt.option(_OUTPUT, "-o", "--output", metavar="FILE")
-    profile: str = opt.option(_PROFILE, default="imu")
-    place: str | None = opt.option(_PLACE, metavar="LAT,LON")
-    system_id: int | None = opt.option(_SYSTEM_ID)
-    compass: int | None = opt.option(_COMPASS, metavar="0..2")
-    begin: str | None = opt.BEGIN
-    end: str | None = opt.END
-    as_json: bool = opt.JSON
-
-
-@opt.command
 def calibrate(options: CalibrateOptions) -> None:
     """Find what is constantly wrong with an IMU's sensors.
 

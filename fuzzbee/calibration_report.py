@@ -106,10 +106,7 @@ def _report_compass(
 ) -> dict[str, Any]:
     """What a log's trace shows of its compass, in the ``field`` of its place or of the one given.
 
-    Gauss, body axes. ``calibration`` has the profile's keys, ``ardupilot`` the parameters to set;
-    if ``ardupilot_adds``, the log lacks what was set: OFS are to be added to that.
-    ``orientation`` is the MAV_SENSOR_ORIENTATION that the compass should have, if another, and
-    ``heading_sigma_deg`` what the offset's uncertainty makes of a level vehicle's heading.
+    Gauss, body axes.
 
     Raises:
         InputError: no position, no compass, or too few turns to find any offset.
@@ -148,11 +145,13 @@ def _report_compass(
         "dip_deg": degrees(field.dip_rad),
         "offset_sigma_gauss": np.sqrt(np.diag(fit.offset_covariance)),
         **{name: getattr(fit, name) for name in shown},
+        # of a level vehicle, by the offset's uncertainty
         "heading_sigma_deg": degrees(atan2(worst_gauss, horizontal_gauss)),
         "calibration": _calibration(fit, usual_a, turn),
-        "ardupilot": parameters,
+        "ardupilot": parameters,  # to set
+        # the log lacks what was set: OFS are to be added to that
         "ardupilot_adds": not any(name.startswith(COMPASS) for name in trace.parameters),
-        "orientation": None if set_to is None else set_to.meaning,
+        "orientation": None if set_to is None else set_to.meaning,  # to set, if it is another
     }
 
 

@@ -1,9 +1,9 @@
 """``fuzzbee check``: in which of many logs the autopilot's attitude differs from ours."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import typer
 
@@ -11,16 +11,7 @@ from estimator.errors import InputError
 from fuzzbee import options as opt
 from fuzzbee.notify import notify
 
-if TYPE_CHECKING:
-    from fuzzbee.replays.log_check import Checked
-
 DIFFERS, UNREADABLE = 1, 2
-
-EPILOG = opt.examples(
-    "fuzzbee check flights/",
-    "fuzzbee check flights/ --from arm --to disarm",
-    "fuzzbee check a.tlog b.bin --json",
-)
 
 
 class CheckOptions(NamedTuple):
@@ -33,20 +24,30 @@ class CheckOptions(NamedTuple):
     as_json: bool = opt.JSON
 
 
-@opt.command
+@opt.command(
+    "fuzzbee check flights/",
+    "fuzzbee check flights/ --from arm --to disarm",
+    "fuzzbee check a.tlog b.bin --json",
+)
 def check(options: CheckOptions) -> int:
     """Find the logs in which autopilot and estimate differ.
 
     One line a log, worst first. Ends with 1 if they differ in any, with 2 if one cannot be read.
     """
     import msgspec
+    from rich.console import Console
+    from rich.progress import track
 
     from estimator.profile import load_profile
     from fuzzbee.replays.log_check import check_log, line
+    from tuning.processes import Pool, available_cores
 
     profile, window = load_profile(options.profile), opt.time_window(options.begin, options.end)
-    work = partial(check_log, profile=profile, window=window)
-    found = _checked([*_files(options.logs)], work)
+    paths, work = [*_files(options.logs)], partial(check_log, profile=profile, window=window)
+    console = Console(stderr=True)
+    bar: Any = {"console": console, "transient": True, "disable": not console.is_terminal}
+    with Pool(work, min(len(paths), available_cores())) as pool:
+        found = [*track(pool(paths), "checking", len(paths), **bar)]
     found.sort(key=lambda each: each.rank, reverse=True)
     refusals = [f"{each.log}: {each.refused}" for each in found if each.refused]
     faults = [each.fault for each in found if each.fault and options.as_json]
@@ -81,16 +82,3 @@ def _files(given: Iterable[Path]) -> Iterator[Path]:
         if not logs:
             raise InputError(f"{path}: no log in this folder ({', '.join(SUFFIXES)})")
         yield from logs
-
-
-def _checked(paths: list[Path], work: "Callable[[Path], Checked]") -> "list[Checked]":
-    """All of them, on all cores, with a bar where standard error is a terminal."""
-    from rich.console import Console
-    from rich.progress import track
-
-    from tuning.processes import Pool, available_cores
-
-    console = Console(stderr=True)
-    bar: Any = {"console": console, "transient": True, "disable": not console.is_terminal}
-    with Pool(work, min(len(paths), available_cores())) as pool:
-        return [*track(pool(paths), "checking", len(paths), **bar)]

@@ -1,7 +1,6 @@
 """The ``fuzzbee`` command: arguments in, an exit status out.
 
-It imports next to nothing, so that a signal is answered as promised from the
-first moment on; the verbs are imported inside.
+It imports next to nothing, so that a signal is answered as promised from the first moment on.
 """
 
 from fuzzbee import sigint_guard  # noqa: I001 - before all others
@@ -51,10 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _status_of(error: Any, *, is_verbose: bool) -> int:
-    """The status after an error, of which a line is printed, not a traceback.
-
-    It is ``INTERRUPTED`` after any interrupt.
-    """
+    """The status after an error, ``INTERRUPTED`` after an interrupt; prints a line of it."""
     match error:
         # whoever read our output has seen enough; met in an output that was /dev/stdout it is an
         # InputError, and an exit if the parser met it

@@ -1,7 +1,6 @@
 """The paper's fuzzy controller as scikit-fuzzy's own objects, and a figure of it."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from skfuzzy import control, trimf
@@ -9,10 +8,9 @@ from skfuzzy import control, trimf
 from estimator.arrays import Floats
 from estimator.filter.fuzzy import RULES, fuzzy_gain
 from estimator.filter.memberships import TERMS, Five, Memberships, fuzzy_sets
-from fuzzbee.replays.figure import COLORS, add_legend, require_plot, written_figure
+from fuzzbee.replays.figure import draw_sets, require_plot, written_figure
 
 FULL = 100.0  # of k_op
-TRIANGLE = (0.0, 1.0, 0.0)  # the membership at a set's corners
 POINTS = 1001  # of a universe, beside the corners of the sets
 STEPS = 201  # of the drawn surface, each way
 FIGURE_INCHES = (11.0, 8.0)
@@ -54,8 +52,10 @@ def draw_controller(path: Path, name: str, k: Memberships) -> None:
     sets = fuzzy_sets(k)
     with written_figure(path, f"Fuzzy controller of profile {name}", FIGURE_INCHES) as sheet:
         (inputs, output), (rules, gains) = sheet.subplots(2, 2)
-        _draw_sets(inputs, sets.inputs, 1.0, "error e, and its rate in 1/s")
-        _draw_sets(output, sets.output, FULL, "k_op")
+        draw_sets(inputs, "error e, and its rate in 1/s", sets.inputs)
+        draw_sets(output, "k_op", sets.output)
+        inputs.set_xlim(0.0, 1.0)
+        output.set_xlim(0.0, FULL)
         rules.axis("off")
         rules.set_title("k_op by rate (rows) and error (columns)")
         cells = [[TERMS[consequent] for consequent in row] for row in RULES]
@@ -68,10 +68,3 @@ def draw_controller(path: Path, name: str, k: Memberships) -> None:
         sheet.colorbar(gains.pcolormesh(grid, grid, K, rasterized=True), ax=gains)
         gains.set(xlim=(0.0, 1.0), xlabel="error e", ylim=(0.0, 1.0), ylabel="rate of e in 1/s")
         gains.set_title("K = 1 + k_op")
-
-
-def _draw_sets(ax: Any, sets: Five, end: float, label: str) -> None:
-    for term, corners, color in zip(TERMS, sets, COLORS, strict=True):
-        ax.plot(corners, TRIANGLE, color=color, label=term, lw=1.2)
-    ax.set(xlim=(0.0, end), xlabel=label, ylabel="membership")
-    add_legend(ax, len(TERMS))

@@ -36,11 +36,8 @@ def lacking_of_processor() -> list[str]:
 
 
 def settle_environment() -> str | None:
-    """Take away what is meant for other programs; returns a line that names it, if there was any.
-
-    What Python starts for us looks for no modules in the current folder.
-    """
-    os.environ["PYTHONSAFEPATH"] = "1"
+    """Take away what is meant for other programs; returns a line that names it, if any."""
+    os.environ["PYTHONSAFEPATH"] = "1"  # what Python starts for us imports nothing from this folder
     taken = [
         name
         for name, value in os.environ.items()

@@ -29,8 +29,7 @@ OWN_SYMBOL = "━━━━━┓  ●  ┏━━━━━"  # the vehicle
 THEIRS = "◆"  # the autopilot's horizon and heading, where they differ from ours
 THEIRS_EVERY = 4  # columns
 COMPASS = "◇"  # the compass's own heading, where it disagrees
-# Of a terminal without Unicode
-ASCII = str.maketrans("━┓┏●▲▼·◆◇─╳█▀▄▒░", "=..o^v'AC-X---~:")
+ASCII = str.maketrans("━┓┏●▲▼·◆◇─╳█▀▄▒░", "=..o^v'AC-X---~:")  # where there is no Unicode
 
 SKY, GROUND, HAZE, LINE = range(4)
 # Sky, ground, haze by its level, and the line
@@ -46,16 +45,12 @@ LEVEL_STYLE = {
 
 
 class _Scene(NamedTuple):
-    """What the horizon is drawn of, and its size.
-
-    ``other`` is the autopilot's, and ``compass_deg`` the compass's heading less ours, if they
-    differ.
-    """
+    """What the horizon is drawn of, and its size."""
 
     attitude: AttitudeRecord
     judged: Judgement
-    other: Autopilot | None
-    compass_deg: float | None
+    other: Autopilot | None  # the autopilot's, if it differs
+    compass_deg: float | None  # the compass's heading less ours, if they differ
     width: int
     rows: int
 
@@ -74,10 +69,7 @@ class _Scene(NamedTuple):
 
 
 def screen(row: Row, width: int, height: int, console: Console, message: str = "") -> Group:
-    """``height`` lines of ``width`` cells: state, heading, horizon, figures, caveats.
-
-    In the characters and colours of the console.
-    """
+    """``height`` lines of ``width`` cells: state, heading, horizon, figures, caveats."""
     attitude, judged = row.valid_attitude, verdict.row_verdict(row)
     caveats = Text()
     for caveat in judged.caveats:  # the worst first, as many as fit

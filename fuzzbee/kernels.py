@@ -17,8 +17,7 @@ from rich.progress import track
 from estimator.compilation.compiled import called_kernels, entry_point
 from estimator.compilation.kernel_folder import NO_FOLDER, KernelLocator
 
-# What has kernels that commands call; those that take longest come first
-MODULES = (
+MODULES = (  # with kernels that commands call; those that take longest come first
     "estimator.live.kernel_handle",
     "estimator.estimator",
     "estimator.geometry.metrics",

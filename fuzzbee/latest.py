@@ -72,10 +72,7 @@ class Row(NamedTuple):
 
 
 class Latest:
-    """The latest records of all vehicles; written by one thread, read by another.
-
-    Where there is no room for one more, who has been silent for longest goes.
-    """
+    """The latest records of all vehicles; written by one thread, read by another."""
 
     def __init__(self) -> None:
         self._rows: dict[str, Row] = {}
@@ -102,17 +99,16 @@ class Latest:
         return texts
 
     def update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
-        """Remember a record."""
+        """Remember a record; for a vehicle too many, who has been silent for longest goes."""
         with self._lock:
             if name not in self._rows and len(self._rows) >= SLOTS:
                 del self._rows[min(self._rows.values(), key=lambda row: row.heard_s).name]
             old = self._rows.get(name) or Row(name)
-            heard_s = max(old.heard_s, now_s)
             if isinstance(record, StatusRecord):
-                row = Row(name, old.attitude, record, old.attitude_s, heard_s, old.status)
+                row = old._replace(status=record, before=old.status)
             else:
-                row = Row(name, record, old.status, now_s, heard_s, old.before)
-            self._rows[name] = row
+                row = old._replace(attitude=record, attitude_s=now_s)
+            self._rows[name] = row._replace(heard_s=max(old.heard_s, now_s))
 
     def rows(self, now_s: float = 0.0) -> list[Row]:
         """All rows by name, numbers in their order, as they are at ``now_s``."""

@@ -21,7 +21,6 @@ _SIGMA = "68 % of errors lie under it."
 
 
 def _parts(row: Row) -> dict[str, Any]:
-    """What metrics are of; None where there is none."""
     return {
         "age_ms": row.age_ms,
         "attitude": row.attitude,
@@ -77,9 +76,8 @@ class MetricsSink:
         self._registry.register(self)
         try:
             self._door = HttpDoor(self.name, (HOST, port), self._respond)
-        except (OSError, OverflowError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise InputError(f"--metrics {port}: {reason}; choose another port") from error
+        except OSError as error:
+            raise InputError(f"--metrics {port}: {error.strerror}; choose another port") from error
         self.port = self._door.server_port  # the one in use
 
     def handle(self, outputs: Sequence[Output]) -> None:
@@ -91,7 +89,6 @@ class MetricsSink:
         self._door.close()
 
     def _respond(self, _target: str, headers: Mapping[str, str]) -> Answer:
-        """All metrics, in the format that the scraper accepts."""
         encode, kind = choose_encoder(headers.get("Accept", ""))
         with self._answering:
             return Answer(kind, encode(self._registry))

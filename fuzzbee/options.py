@@ -9,6 +9,7 @@ from copy import copy
 from functools import partial, wraps
 from importlib.util import find_spec
 from math import inf, isfinite
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 import typer
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from drivers.logs.time_window import Moment, TimeWindow
     from service.zenoh_session import OpeningSession
 
-MAX_GAIN = 1e6
 PROFILES = ("paper", "imu", "adaptive")
 SIMULATION = "sim:"  # the paper's signals, in place of a log
 
@@ -52,29 +52,32 @@ def examples(*lines: str) -> str:
     return "\n\n".join(["Examples:", *(f"  {line}" for line in lines)])
 
 
+SYSTEM_ID = source("Which vehicle. [default: the one with most IMU samples]", metavar="ID")
 BEGIN = source("Begin there: seconds of the log, arm or disarm.", "--from", metavar="S|arm")
 END = source("End there: seconds of the log, arm or disarm.", "--to", metavar="S|disarm")
 SECONDS = source("End after N seconds.", metavar="N")
 RETUNE = estimate("Retune a few numbers whenever the sensors' noise changes.", default=False)
 JSON = showing("JSON on standard output, nothing else there.", "--json", default=False)
+INSECURE = "Take a key file that others may read."
 VERBOSE = showing("Say more on standard error.", "--verbose", "-v", default=False)
 
 
-def command(verb: Callable[[Any], Any]) -> Any:
+def command(*lines: str) -> Callable[[Callable[[Any], Any]], Any]:
     """The verb as typer takes it: a parameter for each field of the named tuple that it takes.
 
-    A field that is a named tuple itself stands for that one's fields.
+    A field that is a named tuple itself stands for that one's fields. The lines are examples.
     """
-    options = next(iter(get_type_hints(verb).values()))
-    parameters = [*_parameters(options)]
 
-    def parsed(**given: Any) -> Any:
-        return verb(_made(options, given))
+    def decorated(verb: Callable[[Any], Any]) -> Any:
+        options = next(iter(get_type_hints(verb).values()))
+        parameters = [*_parameters(options)]
+        call: Any = wraps(verb)(lambda **given: verb(_made(options, given)))
+        call.__annotations__ = {each.name: each.annotation for each in parameters}
+        call.__signature__ = inspect.Signature(parameters)
+        call.epilog = examples(*lines)
+        return call
 
-    call: Any = wraps(verb)(parsed)
-    call.__annotations__ = {each.name: each.annotation for each in parameters}
-    call.__signature__ = inspect.Signature(parameters)
-    return call
+    return decorated
 
 
 def _parameters(options: Any) -> Iterator[inspect.Parameter]:
@@ -84,6 +87,8 @@ def _parameters(options: Any) -> Iterator[inspect.Parameter]:
             yield from _parameters(type(default))
             continue
         info = copy(default)
+        if isinstance(info, OptionInfo) and kinds[name] in (Path, Path | None):
+            info.metavar = info.metavar or "FILE"
         if isinstance(info, OptionInfo) and not info.param_decls:
             info.param_decls = (flag_of(name),)  # typer's own name would give flags a second one
         yield inspect.Parameter(name, KEYWORD, default=info, annotation=kinds[name])
@@ -91,12 +96,11 @@ def _parameters(options: Any) -> Iterator[inspect.Parameter]:
 
 def _made(options: Any, given: dict[str, Any]) -> Any:
     """The options, and those in them, of the values that were given."""
-    return options(
-        *(
-            _made(type(default), given) if hasattr(default, "_fields") else given[name]
-            for name, default in options._field_defaults.items()
-        )
+    values = (
+        _made(type(default), given) if hasattr(default, "_fields") else given[name]
+        for name, default in options._field_defaults.items()
     )
+    return options(*values)
 
 
 def flag_of(name: str) -> str:
@@ -114,22 +118,17 @@ def asked_for(options: Any, *names: str) -> dict[str, Any]:
     }
 
 
-def require_gain(gain: float | None) -> None:
-    """Refuse a fixed gain that is no number above 0, or beyond any use."""
-    if gain is not None and not 0.0 < gain <= MAX_GAIN:
-        raise InputError(f"--gain {gain:g}: K should be above 0 and at most {MAX_GAIN:g}")
-
-
 def require_extra(package: str, what: str, extra: str) -> None:
     """Refuse, before any work, what needs a package that only an extra brings."""
     if find_spec(package) is None:
         raise missing_extra(what, extra)
 
 
-def require_positive(name: str, value: float | None) -> None:
-    """Refuse zero, negative numbers, infinity and NaN."""
-    if value is not None and not (isfinite(value) and value > 0.0):
-        raise InputError(f"{name} {value:g}: should be a number above 0")
+def require_positive(options: Any, *names: str) -> None:
+    """Refuse zero, negative numbers, infinity and NaN in these fields."""
+    for flag, value in asked_for(options, *names).items():
+        if not (isfinite(value) and value > 0.0):
+            raise InputError(f"{flag} {value:g}: should be a number above 0")
 
 
 def seed_range(text: str, name: str = "--seeds") -> range:
@@ -166,27 +165,19 @@ def _moment(name: str, given: Any) -> "Moment | None":
     return seconds
 
 
+_LISTEN = "Listen here instead of tcp/127.0.0.1:7447 (repeatable)."
+_CONNECT = "Connect there instead of to tcp/127.0.0.1:7447 (repeatable)."
+_CONFIG = "A Zenoh configuration (JSON5) instead of the default session."
+_endpoints = partial(of_zenoh, default=[], metavar="ENDPOINT")
+
+
 class ZenohArguments(NamedTuple):
     """What run and watch are asked for of the session that they share."""
 
-    listen: list[str] = of_zenoh(
-        "Listen here instead of tcp/127.0.0.1:7447 (repeatable).",
-        *("--listen", "-l"),
-        default=[],
-        metavar="ENDPOINT",
-    )
-    connect: list[str] = of_zenoh(
-        "Connect there instead of to tcp/127.0.0.1:7447 (repeatable).",
-        *("--connect", "-e"),
-        default=[],
-        metavar="ENDPOINT",
-    )
+    listen: list[str] = _endpoints(_LISTEN, "--listen", "-l")
+    connect: list[str] = _endpoints(_CONNECT, "--connect", "-e")
     mode: str = of_zenoh("peer or client.", "--mode", "-m", default="peer")
-    config_file: str | None = of_zenoh(
-        "A Zenoh configuration (JSON5) instead of the default session.",
-        *("--config", "-c"),
-        metavar="FILE",
-    )
+    config_file: str | None = of_zenoh(_CONFIG, "--config", "-c", metavar="FILE")
     settings: list[str] = of_zenoh(
         "One Zenoh setting, applied last (repeatable).", "--cfg", default=[], metavar="KEY:JSON5"
     )

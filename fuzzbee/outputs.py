@@ -26,15 +26,13 @@ RRD = opt.recording("Save what the viewer shows, for rerun FILE (extra: viewer).
 
 
 class SinkEntry(NamedTuple):
-    """A sink's options and what opens it.
+    """A sink's options, as :func:`setting` makes them, and what opens it if the first is given.
 
-    ``options`` has what :func:`setting` makes, by the name of the parameter: ``send_attitude`` is
-    ``--send-attitude``. The sink is opened if the first of them has another value than its default.
-    What opens it is given the options of ``run`` and the session, if any; it gives None if another
-    sink does its work.
+    What opens it takes the options of ``run`` and the session, if any; None: another sink does its
+    work.
     """
 
-    options: dict[str, tuple[Any, Any]]
+    options: dict[str, tuple[Any, Any]]  # "send_attitude" is --send-attitude
     open: "Callable[[Any, zenoh.Session | None], Sink | None]"
 
 

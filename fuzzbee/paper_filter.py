@@ -23,8 +23,7 @@ from fuzzbee.arguments import array, number, profile_of, rotation, vector
 if TYPE_CHECKING:
     from skfuzzy.control import ControlSystem
 
-# Below this share of the largest, the smallest eigenvalue of M means that vectors span no space.
-FLAT = 1e-9
+FLAT = 1e-9  # the least eigenvalue of M as a share of the largest: vectors span no space
 Gain = Callable[[float, float], float]
 
 
@@ -108,9 +107,7 @@ class PaperFilter:
         return self._state.gain
 
     def step(self, Omega_m: ArrayLike, v_B: ArrayLike, dt: float) -> Floats:
-        """Turn with the gyroscope (3,) in rad/s over ``dt`` s, then correct by the vectors (n, 3).
-
-        Returns R_hat.
+        """Turn by the gyroscope (3,) in rad/s over ``dt`` s, correct by vectors (n, 3); R_hat.
 
         Raises:
             InputError: shapes that do not fit, vectors of no length, a rate or a time that is no
@@ -141,10 +138,7 @@ class PaperFilter:
         return float(kernel.adaptive_gain(self.params, e, e_rate))
 
     def controller(self, points: int = 1001) -> "ControlSystem":
-        """The same controller as scikit-fuzzy's, for its simulations and plots.
-
-        See :func:`fuzzbee.controller.control_system`.
-        """
+        """The same controller as scikit-fuzzy's: :func:`fuzzbee.controller.control_system`."""
         from fuzzbee.controller import control_system
 
         return control_system(self.params.memberships, points)

@@ -4,15 +4,13 @@ import re
 from collections import deque
 from collections.abc import Callable, Iterator
 from threading import Event
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
+import zenoh
 
 from fuzzbee.notify import printable
 from service.records import SCHEMA, AttitudeRecord, StatusRecord
-
-if TYPE_CHECKING:
-    import zenoh
 
 VEHICLE = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
 # 2 s of 50 vehicles at 100 Hz. When it is full the oldest is dropped: the newest is worth most.
@@ -25,19 +23,16 @@ Record = AttitudeRecord | StatusRecord
 
 
 class Reception:
-    """Keeps samples between zenoh's thread and ours, and turns them into records.
-
-    Reports once for each reason why some are refused.
-    """
+    """Keeps samples between zenoh's thread and ours, and turns them into records."""
 
     def __init__(self, notify: Callable[[str], None]) -> None:
         self.has_heard = False  # anything at all
         self.notify = notify
-        self._reported: set[str] = set()
+        self._reported: set[str] = set()  # why some were refused
         self._samples: deque[tuple[str, bytes]] = deque(maxlen=MAX_PENDING)
         self._have_come = Event()
 
-    def put(self, sample: "zenoh.Sample") -> None:
+    def put(self, sample: zenoh.Sample) -> None:
         """Take one; called by zenoh."""
         payload = sample.payload.to_bytes()[: LONGEST_PAYLOAD + 1]  # more is refused at any rate
         self._samples.append((str(sample.key_expr), payload))

@@ -10,25 +10,19 @@ import typer
 from estimator.errors import InputError
 from fuzzbee import options as opt
 from fuzzbee import outputs
-from fuzzbee.security import INSECURE, parse_system_ids
 
 MAX_RATE_HZ = 1000.0
 
-EPILOG = opt.examples(
-    "fuzzbee run sim:flight",
-    "fuzzbee run udpin:127.0.0.1:14550 --rate 50",
-    "fuzzbee run /dev/ttyUSB0:57600 --request-rate 50 --record flight.tlog",
-    "fuzzbee run flight.tlog --speed 4",
-    "fuzzbee run tcp:127.0.0.1:5760 -m client -e tcp/192.168.1.10:7447",
-)
-
 _SOURCE = "sim:, sim:flight, udpin:H:P, udpout:H:P, tcp:H:P, tcpin:H:P, DEVICE:BAUD or a log file."
+_REQUEST = "Ask for this IMU rate."
+_ALLOW = "Refuse frames of all other systems: 1,2,10-19."
 _KEY = "Refuse frames not signed with the key (32 bytes, 64 hex digits) or phrase there."
 _PROFILE = (
     "paper, imu, adaptive or a TOML file. Default: imu, but for fuzzbee's own vehicle with the"
     " paper's signals: paper."
 )
 _TRUTH = "Compare with a simulator's truth (SIM_STATE, SIMSTATE), and end with a verdict."
+_RECORD = "Record what arrives: FILE.tlog, or a folder for a file an hour."
 _SECOND = "Publish even if another service publishes the same vehicle."
 
 _OF_SINKS = {name: each for entry in outputs.SINKS for name, each in entry.options.items()}
@@ -44,16 +38,12 @@ class RunOptions(NamedTuple):
 
     source: str = typer.Argument("sim:", help=_SOURCE)
     seconds: float | None = opt.SECONDS
-    request_rate_hz: float | None = opt.source(
-        "Ask for this IMU rate.", "--request-rate", metavar="HZ"
-    )
+    request_rate_hz: float | None = opt.source(_REQUEST, "--request-rate", metavar="HZ")
     speed: float = opt.source("Play a log X times as fast.", default=1.0, metavar="X")
     system_id: int | None = opt.source("Only this vehicle.", metavar="ID", min=1, max=255)
-    allow_system_ids: str | None = opt.source(
-        "Refuse frames of all other systems: 1,2,10-19.", metavar="IDS"
-    )
-    signing_key_file: Path | None = opt.source(_KEY, metavar="FILE")
-    insecure_key_file: bool = opt.source(INSECURE, default=False)
+    allow_system_ids: str | None = opt.source(_ALLOW, metavar="IDS")
+    signing_key_file: Path | None = opt.source(_KEY)
+    insecure_key_file: bool = opt.source(opt.INSECURE, default=False)
     profile: str | None = opt.estimate(_PROFILE, metavar="NAME|FILE", words=opt.PROFILES)
     gain: float | None = opt.estimate("A fixed gain instead of the fuzzy one.", metavar="K")
     retune: bool = opt.RETUNE
@@ -61,28 +51,27 @@ class RunOptions(NamedTuple):
     rate_hz: float = opt.publishing("Attitudes a second.", "--rate", default=100.0, metavar="HZ")
     no_zenoh: bool = opt.publishing("Publish nothing on Zenoh.", default=False)
     outputs: Any = OutputOptions()
-    record: str | None = opt.recording(
-        "Record what arrives: FILE.tlog, or a folder for a file an hour.", metavar="FILE|DIR"
-    )
+    record: str | None = opt.recording(_RECORD, metavar="FILE|DIR")
     zenoh: opt.ZenohArguments = opt.ZenohArguments()
     second: bool = opt.of_zenoh(_SECOND, default=False)
     as_json: bool = opt.JSON
     verbose: bool = opt.VERBOSE
 
 
-@opt.command
+@opt.command(
+    "fuzzbee run sim:flight",
+    "fuzzbee run udpin:127.0.0.1:14550 --rate 50",
+    "fuzzbee run /dev/ttyUSB0:57600 --request-rate 50 --record flight.tlog",
+    "fuzzbee run flight.tlog --speed 4",
+    "fuzzbee run tcp:127.0.0.1:5760 -m client -e tcp/192.168.1.10:7447",
+)
 def run(options: RunOptions) -> int:
     """Estimate attitudes live and publish them."""
-    opt.require_positive("--rate", options.rate_hz)
+    opt.require_positive(options, "rate_hz", "seconds", "request_rate_hz", "speed")
     if options.rate_hz > MAX_RATE_HZ:
         raise InputError(f"--rate {options.rate_hz:g}: should be at most {MAX_RATE_HZ:g}")
-    opt.require_positive("--seconds", options.seconds)
-    opt.require_positive("--request-rate", options.request_rate_hz)
-    opt.require_positive("--speed", options.speed)
-    opt.require_gain(options.gain)
     if options.outputs.send_as is not None and options.outputs.send_attitude is None:
         raise InputError(f"--as {options.outputs.send_as}: needs --send-attitude URL")
-    parse_system_ids(options.allow_system_ids)
     asked = (("--record", options.record), ("--rrd", options.outputs.rrd))
     inputs = (options.source, options.profile, options.signing_key_file)
     outputs.require_own_files(asked, (*inputs, options.zenoh.config_file))

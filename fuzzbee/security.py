@@ -5,20 +5,17 @@ import stat
 from contextlib import ExitStack
 from pathlib import Path
 from select import select
-from typing import TYPE_CHECKING
 
+from drivers.mavlink.encoder import is_phrase, signing_key
+from drivers.mavlink.gate import Policy
+from drivers.mavlink.signing import SigningCheck, state_path
 from estimator.errors import InputError
 from fuzzbee.notify import notify
-
-if TYPE_CHECKING:
-    from drivers.mavlink.gate import Policy
-    from fuzzbee.run import RunOptions
+from fuzzbee.run import RunOptions
 
 LONGEST_KEY_FILE = 4096  # bytes
 PIPE_S = 5.0  # for whoever writes the key into a pipe
 SHORT_PHRASE = 8  # characters; shorter ones are guessed
-
-INSECURE = "Take a key file that others may read."
 
 
 def parse_system_ids(text: str | None) -> frozenset[int] | None:
@@ -41,8 +38,6 @@ def key_of(path: Path | None, *, is_insecure: bool) -> bytes | None:
     """The key in a file, if one was named; warns of a pass phrase that is short."""
     if path is None:
         return None
-    from drivers.mavlink.encoder import is_phrase, signing_key
-
     content = _content(path, is_insecure=is_insecure)
     if is_phrase(content) and len(content.strip()) < SHORT_PHRASE:
         notify(
@@ -51,16 +46,12 @@ def key_of(path: Path | None, *, is_insecure: bool) -> bytes | None:
     return signing_key(content)
 
 
-def open_policy(options: "RunOptions", stack: ExitStack) -> "Policy":
+def open_policy(options: RunOptions, stack: ExitStack) -> Policy:
     """The policy for frames: which systems are let in, and whether frames must be signed."""
-    from drivers.mavlink.gate import Policy
-
     allowed = parse_system_ids(options.allow_system_ids)
     key = key_of(options.signing_key_file, is_insecure=options.insecure_key_file)
     if key is None:
         return Policy(allowed)
-    from drivers.mavlink.signing import SigningCheck, state_path
-
     check = SigningCheck(key, state_path())
     stack.callback(check.close)
     return Policy(allowed, check)

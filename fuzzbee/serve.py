@@ -22,6 +22,7 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile
 from fuzzbee import options as opt
 from fuzzbee import outputs, security
+from fuzzbee.arguments import gain_of
 from fuzzbee.notify import notify
 from fuzzbee.run import RunOptions
 from fuzzbee.run_report import conclude, recording_word, summary
@@ -44,12 +45,10 @@ LONG_WAIT_S = 1.0
 
 
 def serve(options: RunOptions, opening: OpeningSession | None) -> int:
-    """Open everything, loop until the end, close everything, and report the result.
-
-    Returns 1 if no vehicle was heard in the time given, else 0.
-    """
+    """Open everything, loop until the end, close everything, and report; the exit status."""
     endpoint = parse_endpoint(options.source)
     require_openable(endpoint)
+    gain_of("--gain", options.gain)
     # of the built-in vehicle the one that fits its motion
     fitting = PROFILES[endpoint.path or SIM_MOTION] if endpoint.kind == "sim" else DEFAULT_PROFILE
     profile_name = options.profile or fitting
@@ -108,16 +107,11 @@ def _require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
     """Refuse options that the source has no use for."""
     if options.speed != 1.0 and endpoint.kind != "log":
         raise InputError(f"--speed is for logs, {endpoint} comes at its own pace")
-    asked = opt.asked_for(options, "record", "request_rate_hz")
-    secured = ("allow_system_ids", "signing_key_file", "insecure_key_file")
-    for option in (*asked, *opt.asked_for(options, *secured)):
-        if endpoint.kind == "log":
-            raise InputError(f"{option} is for a live vehicle, {endpoint} is a log")
-        if endpoint.kind == "sim" and option in asked:
-            lacks = "sim: has no MAVLink to record or to ask; start fuzzbee sim --to URL"
-            raise InputError(f"{option}: {lacks}")
-        if endpoint.kind == "sim":
-            raise InputError(f"{option} is for a MAVLink link, sim: has no frames")
+    of_link = ("record", "request_rate_hz", "allow_system_ids")
+    why = {"log": f"{endpoint} is a log", "sim": "sim: has none; start fuzzbee sim --to URL"}
+    for option in opt.asked_for(options, *of_link, "signing_key_file", "insecure_key_file"):
+        if endpoint.kind in why:
+            raise InputError(f"{option} is for a MAVLink link, {why[endpoint.kind]}")
 
 
 def _open_source(
@@ -153,17 +147,13 @@ def _open_source(
     except BaseException:
         if recorder is not None and is_new:
             recorder.close()
-            _remove_empty(target)
+            with suppress(OSError):
+                if target.is_dir():
+                    target.rmdir()
+                elif target.stat().st_size == 0:
+                    target.unlink()
         raise
     return source, recorder
-
-
-def _remove_empty(target: Path) -> None:
-    with suppress(OSError):
-        if target.is_dir():
-            target.rmdir()
-        elif target.stat().st_size == 0:
-            target.unlink()
 
 
 def _pipeline(
@@ -192,10 +182,7 @@ def _sinks(
     requests: ParameterRequests,
     problems: list[Exception],
 ) -> Iterator[Sink]:
-    """Open what was asked for, and a view last, which prints what the source reports.
-
-    That another service publishes there is one of ``problems``.
-    """
+    """Open what was asked for, and a view last, which prints what the source reports."""
 
     def on_conflict(key: str) -> None:
         if options.second:

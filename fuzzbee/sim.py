@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from drivers.endpoint import FORMS, Endpoint, Kind, endpoint_help, parse_endpoint
+from drivers.endpoint import Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
 from fuzzbee import options as opt
 from fuzzbee.notify import notify
-from fuzzbee.security import INSECURE, key_of
 from service.signals import stop_on_signals
 
 if TYPE_CHECKING:
@@ -23,18 +22,13 @@ if TYPE_CHECKING:
     from drivers.simulation.fleet import Fleet
 
 LINK_KINDS: tuple[Kind, ...] = ("udpout", "udpin", "tcp", "tcpin")
-LINK_NAMES = frozenset(name for form in FORMS if form.kind in LINK_KINDS for name in form.names)
 EXAMPLE = "--to udpout:127.0.0.1:14550"
-EPILOG = opt.examples(
-    "fuzzbee sim --to udpout:127.0.0.1:14550 --motion flight",
-    "fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn",
-)
-
 MOTIONS = ("paper", "rest", "turn", "flight", "bench")
 _MOTION = (
     "the paper's, none or a level turn, on the paper's signals; a copter's flight;"
     " or its IMU turned by hand"
 )
+_KEY = "sign with the key (32 bytes, 64 hex digits) or pass phrase in this file"
 _ERRORS = "constant errors of the sensors, for calibrate; vehicle i has SEED + i - 1"
 # One paragraph for each form. The help text is wrapped anew, so columns would not stay aligned.
 _LINK_HELP = "\n\n".join(" ".join(row.split()) for row in endpoint_help(LINK_KINDS).splitlines())
@@ -49,10 +43,8 @@ class SimOptions(NamedTuple):
     to: str | None = link(_LINK_HELP, metavar="URL")
     url: str | None = typer.Argument(None, help="The same as --to.", hidden=True)
     drop: float = link("probability that a frame is lost", default=0.0, metavar="P")
-    signing_key_file: Path | None = link(
-        "sign with the key (32 bytes, 64 hex digits) or pass phrase in this file", metavar="FILE"
-    )
-    insecure_key_file: bool = link(INSECURE, default=False)
+    signing_key_file: Path | None = link(_KEY)
+    insecure_key_file: bool = link(opt.INSECURE, default=False)
     vehicles: int = vehicle("system ids 1 to N on one link", default=1, metavar="N")
     rate_hz: float = vehicle("samples a second", "--rate", default=100.0, metavar="HZ")
     seconds: float | None = vehicle("end after N seconds instead of on Ctrl-C", metavar="N")
@@ -66,7 +58,10 @@ class SimOptions(NamedTuple):
     as_json: bool = opt.JSON
 
 
-@opt.command
+@opt.command(
+    "fuzzbee sim --to udpout:127.0.0.1:14550 --motion flight",
+    "fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn",
+)
 def sim(options: SimOptions) -> int:
     """Run simulated vehicles that speak MAVLink.
 
@@ -81,8 +76,7 @@ def sim(options: SimOptions) -> int:
 
         endpoint = _link(options.to or options.url)
         seconds, vehicles = options.seconds, options.vehicles
-        if seconds is not None and not seconds > 0:
-            raise InputError(f"--seconds must be positive, not {seconds:g}")
+        opt.require_positive(options, "seconds")
         fleet = Fleet(_vehicle_options(options), vehicles)
         connection = Connection(endpoint, report=_notify)
         connection.open()
@@ -103,6 +97,7 @@ def sim(options: SimOptions) -> int:
 
 def _vehicle_options(options: SimOptions) -> "VehicleOptions":
     from drivers.simulation.autopilot import VehicleOptions
+    from fuzzbee.security import key_of
 
     magnet: tuple[float, float] | None = None
     if options.magnet is not None:
@@ -121,13 +116,9 @@ def _vehicle_options(options: SimOptions) -> "VehicleOptions":
 def _print_json(
     link: "Connection", options: SimOptions, fleet: "Fleet", seconds: float, errors: dict[str, Any]
 ) -> None:
-    """What was done, as one object."""
     result = {
         "to": str(link.endpoint),
-        "vehicles": options.vehicles,
-        "rate_hz": options.rate_hz,
-        "motion": options.motion,
-        "seed": options.seed,
+        **{name: getattr(options, name) for name in ("vehicles", "rate_hz", "motion", "seed")},
         "seconds": round(seconds, 3),
         "bytes_sent": fleet.bytes_sent,
         "link_errors": link.breaks,
@@ -152,8 +143,8 @@ def _imu_errors(seed: int) -> dict[str, Any]:
 def _link(text: str | None) -> Endpoint:
     if text is None:
         raise InputError(f"a link to send on is needed, as in {EXAMPLE}")
-    name, colon, _ = text.partition(":")
-    if not colon or name.strip().lower() not in LINK_NAMES:
+    endpoint = parse_endpoint(text)
+    if endpoint.kind not in LINK_KINDS:
         kinds = ", ".join(LINK_KINDS)
         raise InputError(f"--to {text}: the vehicle speaks over {kinds}, as in {EXAMPLE}")
-    return parse_endpoint(text)
+    return endpoint

@@ -52,8 +52,7 @@ class TerminalView:
     """Shows what it is given; a sink of the service, and watch's display.
 
     On a terminal a table is redrawn in place, or ``one`` vehicle as an artificial horizon.
-    Elsewhere there is a line a vehicle and second, so that a log of it can be read. Keys go to
-    :meth:`press`, after which ``is_closed`` shows whether one of them was to quit.
+    Elsewhere there is a line a vehicle and second, so that a log of it can be read.
     """
 
     name = "terminal"
@@ -71,7 +70,7 @@ class TerminalView:
         self.title = title
         self.one = self.cursor = one  # the vehicle that is shown alone, that Enter shows alone
         self.order = next(iter(ORDERS))
-        self.is_closed = False
+        self.is_closed = False  # by a key
         self.scores: dict[str, TruthScore] | None = None  # by the vehicle's name
         self._console = console
         self._messages = messages
@@ -94,13 +93,10 @@ class TerminalView:
         self.refresh()
 
     def notify(self, *texts: str) -> None:
-        """Lines for a person, above the table; on the screen of one vehicle the last at its foot.
-
-        All are written at one go: hundreds of vehicles that begin send several each.
-        """
+        """Lines for a person, above the table; on one vehicle's screen the last at its foot."""
         if not texts:
             return
-        shown = [*map(printable, texts)]
+        shown = [*map(printable, texts)]  # written at one go: vehicles that begin send several each
         self._message, self._message_s = shown[-1], self._now_s()
         if self._live is None:
             _print(self._messages, shown, style="dim")
@@ -209,10 +205,7 @@ def pressed_keys(descriptor: int) -> list[str]:
 
 @contextmanager
 def terminal_keys() -> Iterator[Callable[[], list[str]]]:
-    """What gives the keys of standard input, none where that is no terminal of ours.
-
-    Ctrl-C stays what it is.
-    """
+    """What gives the keys of standard input, none where that is no terminal of ours."""
     try:
         descriptor = sys.stdin.fileno()
         before = termios.tcgetattr(descriptor)
@@ -223,7 +216,7 @@ def terminal_keys() -> Iterator[Callable[[], list[str]]]:
         yield list
         return
     try:
-        tty.setcbreak(descriptor, termios.TCSANOW)
+        tty.setcbreak(descriptor, termios.TCSANOW)  # Ctrl-C stays what it is
         yield partial(pressed_keys, descriptor)
     finally:
         with suppress(termios.error, OSError):

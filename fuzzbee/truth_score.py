@@ -116,12 +116,9 @@ class TruthScore:
 
 
 class ScoredPipeline(Pipeline):
-    """A pipeline that compares what its vehicles' simulators show, if it has ``scores``.
+    """A pipeline that compares what its vehicles' simulators show, if it has ``scores``."""
 
-    Those are by the vehicle's name, in the order of its first truth.
-    """
-
-    scores: dict[str, TruthScore] | None = None
+    scores: dict[str, TruthScore] | None = None  # by name, in the order of their first truths
 
     def on_reference(self, event: ReferenceAttitude) -> list[Output]:
         """See :class:`Pipeline`; and compare the attitude with the truth."""

@@ -21,8 +21,7 @@ LONGEST_IMU, LONGEST_MODE = 16, 11  # letters of its message, and of a flight mo
 BLOCK_GAP = 3  # between blocks of rows that stand side by side
 # Windows at least so wide have more columns; those of the last have wider gaps, too.
 COMPACT, NORMAL, MODES, WIDE, SPACIOUS = 58, 72, 84, 96, 108
-# Of a state; those that need attention come first
-COLOURS = {
+COLOURS = {  # of a state; those that need attention come first
     State.LOST: "red",
     State.DEGRADED: "yellow",
     State.WAITING: "dim",

@@ -49,17 +49,14 @@ class Caveat(NamedTuple):
 
 
 class Judgement(NamedTuple):
-    """What to think of the horizon, of the heading, and of all together.
-
-    ``horizon_text`` and ``heading_text`` are their sigmas, unless something contradicts them.
-    """
+    """What to think of the horizon, of the heading, and of all together."""
 
     overall: Level
     horizon: Level
     heading: Level
     caveats: tuple[Caveat, ...]  # the worst first
-    horizon_text: str = ""
-    heading_text: str = ""
+    horizon_text: str = ""  # its sigma, unless something contradicts that
+    heading_text: str = ""  # likewise
 
     @property
     def word(self) -> str:

@@ -18,13 +18,6 @@ if TYPE_CHECKING:
     from fuzzbee.reception import Reception, Record
     from fuzzbee.terminal import TerminalView
 
-EPILOG = opt.examples(
-    "fuzzbee watch",
-    "fuzzbee watch 1",
-    "fuzzbee watch --json -n 100 > attitudes.jsonl",
-    "fuzzbee watch -m client -e tcp/192.168.1.10:7447",
-)
-
 HINT_AFTER_S = 3.0
 WAIT_S = 0.1
 NOBODY = ": is fuzzbee run started, with the same Zenoh options?"
@@ -46,7 +39,12 @@ class WatchOptions(NamedTuple):
     verbose: bool = opt.VERBOSE  # read by the command line itself
 
 
-@opt.command
+@opt.command(
+    "fuzzbee watch",
+    "fuzzbee watch 1",
+    "fuzzbee watch --json -n 100 > attitudes.jsonl",
+    "fuzzbee watch -m client -e tcp/192.168.1.10:7447",
+)
 def watch(options: WatchOptions) -> int:
     """Show what a running service publishes.
 
@@ -54,7 +52,7 @@ def watch(options: WatchOptions) -> int:
     """
     from fuzzbee.reception import VEHICLE
 
-    opt.require_positive("--seconds", options.seconds)
+    opt.require_positive(options, "seconds")
     if options.most is not None and options.most < 1:
         raise InputError(f"--count {options.most}: should be at least 1")
     if options.web is not None and options.as_json:

@@ -1,7 +1,7 @@
 """``fuzzbee replay``: the filter over logs, or over the paper's signals, scored."""
 
 from collections.abc import Iterable
-from contextlib import closing
+from contextlib import closing, nullcontext
 from functools import partial
 from importlib.util import find_spec
 from math import inf
@@ -31,17 +31,6 @@ _SMOOTH = "The attitude that the whole log shows, not only what came before."
 
 score = partial(opt.option, rich_help_panel="Score")
 
-EPILOG = opt.examples(
-    "fuzzbee replay flight.tlog",
-    "fuzzbee replay flight.tlog flight.bin --reference autopilot --skip 40 --json",
-    "fuzzbee replay flight.tlog --plot flight.png --csv flight.csv",
-    "fuzzbee replay flight.tlog --from arm --to disarm --plot flight.html",
-    "fuzzbee replay flight.tlog --smooth --csv best.csv",
-    "fuzzbee replay a.tlog b.bin --profile imu --profile mine.toml --plot both.pdf",
-    "fuzzbee replay sim: --profile paper --seeds 0-19",
-    "fuzzbee replay sim: --profile adaptive --seeds 0-99 --plot gain.pdf --csv gain.csv",
-)
-
 
 class ReplayOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
@@ -51,12 +40,8 @@ class ReplayOptions(NamedTuple):
     )
     begin: str | None = opt.BEGIN
     end: str | None = opt.END
-    system_id: int | None = opt.source(
-        "Which vehicle. [default: the one with most IMU samples]", metavar="ID"
-    )
-    columns: Path | None = opt.source(
-        "What a CSV's columns are. [default: LOG.toml beside it]", metavar="FILE"
-    )
+    system_id: int | None = opt.SYSTEM_ID
+    columns: Path | None = opt.source("What a CSV's columns are. [default: LOG.toml beside it]")
     seeds: str | None = opt.source("Noise seeds for sim:, both included.", metavar="A-B")
     profile: list[str] | None = opt.estimate(
         "paper, imu, adaptive or a TOML file; several. [default: imu; for sim: paper]",
@@ -73,36 +58,31 @@ class ReplayOptions(NamedTuple):
         "sim (the truth) or autopilot. [default: sim if present]", metavar="sim|autopilot"
     )
     skip: float = score("Leave the first S seconds out of the errors.", default=0.0, metavar="S")
-    csv: Path | None = opt.recording("Write every sample as CSV.", metavar="FILE")
-    mcap: Path | None = opt.recording(
-        "Write them as MCAP, for Foxglove and others.", metavar="FILE"
-    )
-    tum: Path | None = opt.recording(
-        "Write a TUM trajectory, for evo; the reference beside it.", metavar="FILE"
-    )
-    parquet: Path | None = opt.recording(
-        "Write every sample as Parquet (needs pyarrow).", metavar="FILE"
-    )
+    csv: Path | None = opt.recording("Write every sample as CSV.")
+    mcap: Path | None = opt.recording("Write them as MCAP, for Foxglove and others.")
+    tum: Path | None = opt.recording("Write a TUM trajectory, for evo; the reference beside it.")
+    parquet: Path | None = opt.recording("Write every sample as Parquet (needs pyarrow).")
     rrd: str | None = outputs.RRD
-    plot: Path | None = opt.showing(
-        "Draw them: .png, .svg, .pdf or .html (zooms; extra: page).", metavar="FILE"
-    )
+    plot: Path | None = opt.showing("Draw them: .png, .svg, .pdf or .html (zooms; extra: page).")
     view: str | None = outputs.VIEW
-    as_json: bool = opt.showing("One JSON object on standard output.", "--json", default=False)
+    as_json: bool = opt.JSON
 
 
-@opt.command
+@opt.command(
+    "fuzzbee replay flight.tlog",
+    "fuzzbee replay flight.tlog flight.bin --reference autopilot --skip 40 --json",
+    "fuzzbee replay flight.tlog --plot flight.png --csv flight.csv",
+    "fuzzbee replay flight.tlog --from arm --to disarm --plot flight.html",
+    "fuzzbee replay flight.tlog --smooth --csv best.csv",
+    "fuzzbee replay a.tlog b.bin --profile imu --profile mine.toml --plot both.pdf",
+    "fuzzbee replay sim: --profile paper --seeds 0-19",
+    "fuzzbee replay sim: --profile adaptive --seeds 0-99 --plot gain.pdf --csv gain.csv",
+)
 def replay(options: ReplayOptions) -> None:
     """Estimate over logs and score it against a reference."""
-    _require_numbers(options)
-    if opt.SIMULATION in options.sources:
-        _replay_simulation(options)
-    else:
-        _replay_logs(options)
+    from fuzzbee.arguments import gain_of
 
-
-def _require_numbers(options: ReplayOptions) -> None:
-    opt.require_gain(options.gain)
+    gain_of("--gain", options.gain)
     if not 0.0 <= options.skip < inf:
         raise InputError(f"--skip {options.skip:g}: must be a number of seconds, 0 or more")
     if not abs(options.start_wrong) <= MOST_WRONG_DEG:
@@ -118,6 +98,10 @@ def _require_numbers(options: ReplayOptions) -> None:
                 f"{source}: replay takes sim: (the paper's experiment) or a log;"
                 " fuzzbee run URL --record FILE makes one of fuzzbee sim"
             )
+    if opt.SIMULATION in options.sources:
+        _replay_simulation(options)
+    else:
+        _replay_logs(options)
 
 
 def _require_files(options: ReplayOptions, inputs: "Iterable[str | Path | None]") -> None:
@@ -165,19 +149,14 @@ def _replay_logs(options: ReplayOptions) -> None:
     way = (options.gain, options.system_id, options.start_wrong, options.retune, options.smooth)
     how = How(*way, options.columns, window, reading_bar, fits_built_in=not options.profile)
     viewer = outputs.open_viewer(options.view, options.rrd)
-    if viewer is None:
-        _report_logs(options, profiles, how)
-        return
-    with closing(viewer):
+    with nullcontext() if viewer is None else closing(viewer):
         _report_logs(options, profiles, how, viewer)
-        viewer.stay_open()
+        if viewer is not None:
+            viewer.stay_open()
 
 
 def _report_logs(
-    options: ReplayOptions,
-    profiles: "dict[str, Profile]",
-    how: "How",
-    viewer: "ViewerSink | None" = None,
+    options: ReplayOptions, profiles: "dict[str, Profile]", how: "How", viewer: "ViewerSink | None"
 ) -> None:
     import msgspec
 

@@ -39,10 +39,8 @@ if TYPE_CHECKING:
 Columns = dict[str, NDArray[Any]]  # (N,) each
 
 LARGE = 1e8  # a date in seconds, to the microsecond
-# Stamps before September 2001 count from the vehicle's start: it knew no date.
-EARLIEST_UNIX_US = 10**15
-# ROS has 31 bits for the seconds, until 2038: a later date is a garbled stamp.
-LATEST_UNIX_US = 10**6 << 31
+EARLIEST_UNIX_US = 10**15  # September 2001; stamps before that count from the vehicle's start
+LATEST_UNIX_US = 10**6 << 31  # 2038, as ROS has 31 bits: a later date is a garbled stamp
 
 ANGLES, ERRORS = ("roll", "pitch", "yaw"), ("total", "heading", "inclination")
 AS_THEY_ARE = ("error", "error_rate_1_s", "gain", "confidence_gravity", "confidence_magnetic")
@@ -50,8 +48,6 @@ LAST_OF_ATTITUDE = "heading_reference"  # of the columns; those behind it are of
 
 # East, north, up; the vehicle's body; and the same body as the reference has it.
 WORLD, BODY, REFERENCE_BODY = "map", "base_link", "reference"
-FRAME_TRANSFORM = "foxglove.FrameTransform"
-IMU = "sensor_msgs/msg/Imu"
 IMU_DEFINITION = f"\n{'=' * 80}\nMSG: ".join(
     (
         """std_msgs/Header header
@@ -72,13 +68,10 @@ Message = tuple[str, int, bytes]  # topic, time (us), data
 
 
 def stamps_us(trace: VehicleTrace) -> tuple[Times, bool]:
-    """Unix time (N,) of the samples; if the log's stamps are no dates, the time since the first.
-
-    And which it is. Times never go back.
-    """
+    """Unix time (N,) of the samples, or since the first if the stamps are no dates; which it is."""
     found = trace["unix_us"]
     if trace["arrival_us"][0] >= EARLIEST_UNIX_US and found.max() < LATEST_UNIX_US:
-        return np.maximum.accumulate(found), True
+        return np.maximum.accumulate(found), True  # never back
     return trace["time_us"] - trace.zero_us, False
 
 
@@ -117,10 +110,7 @@ def write_csv(path: Path, trace: VehicleTrace) -> None:
 
 def write_columns(path: Path, parts: Iterable[Columns]) -> None:
     """Columns as CSV with a heading; nine significant digits, empty where unknown."""
-    with (
-        written_for("--csv", path) as fresh,
-        fresh.open("w", encoding="utf-8", newline="") as file,
-    ):
+    with written_for("--csv", path) as fresh, fresh.open("w", encoding="utf-8", newline="") as file:
         out = csv.writer(file, lineterminator="\n")
         for number, part in enumerate(parts):
             if number == 0:
@@ -201,10 +191,7 @@ def write_mcap(path: Path, trace: VehicleTrace) -> None:
 
 
 def _topics(tables: dict[str, list[str]]) -> Iterator[tuple[str, str, str, str, bytes]]:
-    """Name, encoding of the messages, and their type, its encoding and the type in that.
-
-    ``tables`` are topics, and their columns.
-    """
+    """Name, encoding of the messages, and their type, its encoding and the type in that."""
     number, whole, text = ({"type": kind} for kind in ("number", "integer", "string"))
     frame = {
         "timestamp": _object({"sec": whole, "nsec": whole}, title="time"),
@@ -213,14 +200,14 @@ def _topics(tables: dict[str, list[str]]) -> Iterator[tuple[str, str, str, str, 
         "translation": _object(dict.fromkeys("xyz", number), title="foxglove.Vector3"),
         "rotation": _object(dict.fromkeys("xyzw", number), title="foxglove.Quaternion"),
     }
-    schemas = {"/tf": _object(frame, title=FRAME_TRANSFORM)}
+    schemas = {"/tf": _object(frame, title="foxglove.FrameTransform")}
     for topic, names in tables.items():
         kinds = {name: text if name == LAST_OF_ATTITUDE else number for name in names}
         schemas[topic] = _object(kinds)
     for topic, schema in schemas.items():
         kind = schema.get("title", f"fuzzbee.{topic[1:]}")
         yield topic, "json", kind, "jsonschema", msgspec.json.encode(schema)
-    yield "/imu", "cdr", IMU, "ros2msg", IMU_DEFINITION.encode()
+    yield "/imu", "cdr", "sensor_msgs/msg/Imu", "ros2msg", IMU_DEFINITION.encode()
 
 
 def _object(properties: dict[str, Any], **named: str) -> dict[str, Any]:
@@ -274,10 +261,7 @@ def _values(trace: VehicleTrace, kind: Any, rows: slice) -> Iterator[Any]:
 
 
 def show(viewer: "ViewerSink", trace: VehicleTrace) -> None:
-    """Draw what the service would have published at the samples, and the attitudes by others.
-
-    Times are the log's own.
-    """
+    """Draw what the service would have published at the log's times, and attitudes by others."""
     for rows in blocks(len(trace)):
         times_us, arrivals_us = trace["time_us"][rows], trace["arrival_us"][rows].tolist()
         peers = {name: track.at(times_us).tolist() for name, track in trace.references.items()}

@@ -13,6 +13,7 @@ import numpy as np
 
 from drivers.output_file import written_for
 from estimator.errors import InputError
+from estimator.filter.memberships import TERMS, Five
 from fuzzbee.options import require_extra
 
 # For each suffix the metadata that would make two files of the same figure differ.
@@ -24,6 +25,7 @@ METADATA: dict[str, dict[str, None]] = {
 PAGE = ".html"
 COLORS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple")
 DARK, BLACK = "0.35", "0.15"
+TRIANGLE = (0.0, 1.0, 0.0)  # the membership at a fuzzy set's corners
 STYLE: Any = {
     "font.size": 8.0,
     "lines.linewidth": 0.8,
@@ -40,8 +42,7 @@ STYLE: Any = {
 }
 LAYOUT_DIGITS = 5
 TITLE_WIDTH = 84  # letters in a line; a file's name may have no blanks
-# A page as wide as a screen, and high enough for each pair of axes to be read.
-PIXELS_AN_INCH = 130
+PIXELS_AN_INCH = 130  # of a page as wide as a screen: high enough for all axes to be read
 MARGIN = {"l": 0, "r": 0, "t": 30, "b": 0}  # for the buttons
 WIDER = 1.5  # than on paper a line has to be
 PAPER = "rgba(255,255,255,0.7)"  # under words, so that they are readable over a line
@@ -109,6 +110,16 @@ def add_legend(ax: Any, columns: int) -> None:
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns)
 
 
+def draw_sets(ax: Any, label: str, sets: Five, before: Five | None = None) -> None:
+    """The membership of five fuzzy sets, and dotted those that were there before."""
+    for term, corners, color in zip(TERMS, sets, COLORS, strict=True):
+        ax.plot(corners, TRIANGLE, color=color, label=term, lw=1.2)
+    for corners, color in zip(before or (), COLORS, strict=False):
+        ax.plot(corners, TRIANGLE, ":", color=color)
+    ax.set(xlabel=label, ylabel="membership")
+    add_legend(ax, len(TERMS))
+
+
 def add_text(ax: Any, text: str) -> None:
     """A text in the upper left corner."""
     paper = {"facecolor": "white", "alpha": 0.7, "lw": 0.0, "pad": 1.0}
@@ -120,10 +131,7 @@ def add_text(ax: Any, text: str) -> None:
 
 
 def _write_page(sheet: Any, axes: list[Any], path: Path, script: str | None) -> None:
-    """Write a matplotlib figure as an interactive page; the same figure gives the same bytes.
-
-    Axes with the same range of x zoom together.
-    """
+    """Write a matplotlib figure as a page; axes with the same range of x zoom together."""
     from plotly.io import write_html
 
     title = {"text": _html(sheet.get_suptitle()), "font": {"size": 14}, "x": 0.5, "y": 0.99}

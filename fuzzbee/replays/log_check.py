@@ -51,37 +51,27 @@ class Vibration(msgspec.Struct, frozen=True):
 
 
 class OwnVibration(msgspec.Struct, frozen=True):
-    """What the autopilot has measured itself, by its ``message``.
+    """What the autopilot has measured itself."""
 
-    ``m_s2`` and ``verdict`` are as in :class:`Vibration`, of the IMU that vibrates most; None where
-    the message does not have them. ``clipped`` counts clipping in the log, by IMU from 0.
-    """
-
-    message: str
-    imu: int
-    m_s2: Vec3 | None
+    message: str  # by which it reports that
+    imu: int  # the one that vibrates most
+    m_s2: Vec3 | None  # as in Vibration, of that IMU; None where the message has none
     verdict: Verdict | None
-    clipped: dict[int, int]
+    clipped: dict[int, int]  # how often in the log, by IMU from 0
 
 
 class Checked(msgspec.Struct, frozen=True):
-    """What was found in one log, or as ``fault`` why it cannot be read.
-
-    ``clipped`` counts readings at the end of a sensor's range, ``warnings`` the seconds for which
-    each warning stood (docs/troubleshooting.md). ``vibration`` is None below 20 Hz, and
-    ``autopilot_vibration`` without VIBE or VIBRATION. ``refused`` is a line about one of
-    which much was refused.
-    """
+    """What was found in one log."""
 
     log: str
     agreement: dict[str, int] = {}
     differences: list[DifferenceSummary] = []
-    fault: str = ""
-    vibration: Vibration | None = None
-    clipped: dict[str, int] = {}
-    warnings: dict[str, float] = {}
-    refused: str = ""
-    autopilot_vibration: OwnVibration | None = None
+    fault: str = ""  # why it cannot be read
+    vibration: Vibration | None = None  # None below 20 Hz
+    clipped: dict[str, int] = {}  # readings at the end of a sensor's range
+    warnings: dict[str, float] = {}  # for how many seconds each stood (docs/troubleshooting.md)
+    refused: str = ""  # a line, if much was
+    autopilot_vibration: OwnVibration | None = None  # None without VIBE or VIBRATION
 
     @property
     def rank(self) -> tuple[bool, float, float]:

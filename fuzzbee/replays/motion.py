@@ -10,12 +10,10 @@ from estimator.arrays import Bools, Floats, Ints
 # At rest the gyroscope and the accelerometer stay this near their medians over the window.
 REST_GYR_RAD_S = np.radians(2.0)
 REST_ACC_M_S2 = 0.3
-# A steady rate above this is a turn: the bias of a gyroscope is smaller.
-MOST_BIAS_RAD_S = np.radians(4.0)
+MOST_BIAS_RAD_S = np.radians(4.0)  # a steady rate above that of any gyroscope's bias is a turn
 WINDOW_S = 1.5  # before a sample, and again behind it
 MARGIN_US = 1_501_000
-# What lies so near a limit is decided by the medians themselves.
-BELOW, ABOVE = 1.0 - 1e-9, 1.0 + 1e-9
+BELOW, ABOVE = 1.0 - 1e-9, 1.0 + 1e-9  # so near a limit the medians themselves decide
 
 
 def motion_mask(columns: Any) -> Bools:

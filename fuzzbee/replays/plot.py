@@ -17,19 +17,14 @@ from fuzzbee.replays.trace import VehicleTrace
 
 PAGE_INCHES = (7.1, 9.8)  # between its margins
 ROW_INCHES = 2.2
-# With more points a line looks the same and the file only grows.
-MOST_POINTS = 20_000
+MOST_POINTS = 20_000  # with more a line looks the same and the file only grows
 NEAR = 0.015  # of the width: names of two marks would hide each other
 # The autopilot is no truth: from it an estimate only differs.
 ERROR_WORDS = {"sim": "error", "autopilot": "difference"}
 TIME = "time in s"
-# Silence this many median periods long, and this long (s), is a gap to be shown.
-GAP_PERIODS = 5.0
-LEAST_GAP_S = 0.3
-# A field is contradicted where its confidence is this share of the usual one or less.
-CONTRADICTED = 0.5
-# What lasts less (s) is no band, and two bands that are nearer to each other are one.
-LEAST_S = 1.0
+GAP_PERIODS, LEAST_GAP_S = 5.0, 0.3  # silence for so many median periods, and so long, is shown
+CONTRADICTED = 0.5  # a field is, where its confidence is this share of the usual one or less
+LEAST_S = 1.0  # what lasts less is no band; bands that are nearer to each other are one
 CLIPPED_SAMPLES = 2  # in a row at the same largest reading: chance has one
 MOST_TEXTS = 20  # a failing autopilot repeats itself
 LETTERS = 32  # of a text that are shown
@@ -39,16 +34,13 @@ Band = tuple[str, str, float, list[Span]]  # name, colour, opacity, and what is 
 
 
 class Thinned:
-    """No more points of lines over time than are seen, and none across a gap.
-
-    Of samples at times (N,); ``time_s`` are those that are drawn, (M,).
-    """
+    """No more points of lines over time (N,) than are seen, and none across a gap."""
 
     def __init__(self, time_s: Floats) -> None:
         self._step = 1 + len(time_s) // MOST_POINTS
         shown_s, spans = time_s[:: self._step], np.reshape(_gaps(time_s), (-1, 2))
         self._breaks = np.searchsorted(shown_s, spans[:, 1])
-        self.time_s = np.insert(shown_s, self._breaks, spans.mean(axis=1))
+        self.time_s = np.insert(shown_s, self._breaks, spans.mean(axis=1))  # what is drawn (M,)
 
     def every(self, values: Floats) -> Floats:
         """Some of the values (N,) or (N, K), and NaN in each gap."""
@@ -112,7 +104,6 @@ def _draw_errors(axes: Sequence[Any], trace: VehicleTrace, points: Thinned) -> N
 
 
 def _draw_internals(axes: Sequence[Any], trace: VehicleTrace, points: Thinned) -> None:
-    """Gain, confidences and bias."""
     time_s, (gain, confidence, bias) = points.time_s, axes
     gain.plot(time_s, points.largest(trace["gain"]), color="tab:green", label="_gain")
     for name, color in (("gravity", "tab:blue"), ("magnetic", "tab:purple")):
@@ -160,17 +151,14 @@ def _cap(ax: Any, *angles_deg: Floats) -> None:
 
 
 class ComparisonPlot:
-    """Several replays in one figure: their errors or differences, a row a log, a line a profile.
-
-    Collects replays; each keeps no more than a line needs.
-    """
+    """Several replays in one figure: their errors or differences, a row a log, a line a profile."""
 
     def __init__(self) -> None:
         # by the log and by what an angle to its reference is
         self._rows: dict[tuple[str, str], list[tuple[str, Floats, Floats]]] = {}
 
     def add(self, profile: str, trace: VehicleTrace) -> None:
-        """Take one replay."""
+        """Take one replay, of which no more is kept than a line needs."""
         errors, points = np.degrees(trace["error_rad"]), Thinned(trace.time_s)
         if not trace.has_heading:
             errors[:, 1] = np.nan  # a heading from nowhere has no error
@@ -252,10 +240,7 @@ def _gaps(time_s: Floats) -> list[Span]:
 
 
 def _marks(trace: VehicleTrace) -> list[tuple[float, str]]:
-    """When modes, arming and warnings came, and their names; first the mode that it began in.
-
-    Seconds of the log are by the samples' arrivals.
-    """
+    """When modes, arming and warnings came (s), and their names; first the mode it began in."""
     arrivals_us = trace["arrival_us"]
     begin_us = int(arrivals_us[0])
     found = [(us, mode_name(*trace.kind, number)) for us, number in trace.modes]

@@ -16,19 +16,15 @@ class VehicleSummary(msgspec.Struct, frozen=True):
 
 
 class ImuSummary(msgspec.Struct, frozen=True):
-    """What arrived; the arrival gap is of the log's stamps, the other of the vehicle's clock.
+    """What arrived."""
 
-    ``message`` is the one that was used most, ``messages`` counts the samples used of each. The
-    median rate is that of the stream while it comes, the mean what really came in a second.
-    """
-
-    message: str
+    message: str  # the one that was used most
     samples: int
-    messages: dict[str, int]
-    median_rate_hz: float | None
-    mean_rate_hz: float | None
-    worst_gap_s: float | None
-    worst_arrival_gap_s: float | None
+    messages: dict[str, int]  # samples used of each
+    median_rate_hz: float | None  # of the stream while it comes
+    mean_rate_hz: float | None  # what really came in a second
+    worst_gap_s: float | None  # by the vehicle's clock
+    worst_arrival_gap_s: float | None  # by the log's stamps
     rates: str = "imu"
 
 
@@ -51,12 +47,9 @@ class Coverage(msgspec.Struct, frozen=True):
 
 
 class ConstantTurn(msgspec.Struct, frozen=True):
-    """One turn of the body that fits best, and what is left of the inclination's errors without.
+    """One turn of the body that fits best, and what is left of the inclination's errors without."""
 
-    ``turn_deg`` is by how much it tilts the vertical, RMS over the samples.
-    """
-
-    turn_deg: float
+    turn_deg: float  # by how much it tilts the vertical, RMS over the samples
     inclination_rms: float
     inclination_coverage: float
     inclination_coverage_moving: float | None
@@ -107,12 +100,9 @@ class Report(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LogReport(Report, frozen=True, kw_only=True):
-    """Schema of ``replay LOG --json``.
+    """Schema of ``replay LOG --json``."""
 
-    ``heading_references`` counts the scored samples by what their heading is measured from.
-    """
-
-    heading_references: dict[str, int] = {}
+    heading_references: dict[str, int] = {}  # scored samples by what their heading is measured from
     constant_turn: ConstantTurn | None = None
     differences: list[DifferenceSummary] = []  # from the autopilot's attitude
     agreement: dict[str, int] = {}  # how many looks ended with which verdict

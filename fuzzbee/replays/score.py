@@ -50,9 +50,8 @@ def report_log(
     if how.start_wrong_deg:
         other = how._replace(system_id=trace.address.system_id, start_wrong_deg=0.0)
         right = replay_log(path, profile, other)
-        # When nothing is left of a wrong start, beside the attitude without it: beside the truth
-        # it would count what is learnt of the declination or the vertical meanwhile. Another IMU
-        # may stand in after a turn: at other times.
+        # beside the attitude without a wrong start: beside the truth it would count what is learnt
+        # of the declination or the vertical meanwhile; another IMU may stand in after a turn
         since = int(np.searchsorted(trace["time_us"], trace.turned_at_us or 0))
         times_us, q = trace["time_us"][since:], trace["q_ned_frd"][since:]
         beside = attitudes_at(times_us, right["time_us"], right["q_ned_frd"])
@@ -167,7 +166,6 @@ def differences_of(trace: VehicleTrace) -> list[report.DifferenceSummary]:
 
 
 def _retuned(trace: VehicleTrace) -> report.RetunedSummary | msgspec.UnsetType:
-    """What was changed with ``--retune``."""
     estimator = trace.vehicle.estimator
     if not isinstance(estimator, RetunedEstimator):
         return msgspec.UNSET
@@ -189,10 +187,7 @@ def _imu_summary(trace: VehicleTrace) -> report.ImuSummary:
 
 
 def error_summary(error_rad: Floats, counted: Bools, has_heading: Bools) -> report.ErrorSummary:
-    """The summary of errors (N, 3) that count (N,).
-
-    Total and heading leave out samples (N,) without a heading.
-    """
+    """The summary of errors (N, 3) that count (N,); of total and heading those that have one."""
     if not counted.any():
         return report.ErrorSummary()
     total, heading, inclination = error_rad.T

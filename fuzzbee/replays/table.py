@@ -20,10 +20,7 @@ MOST_DIFFERENCES = 10  # that are listed; --json has all
 
 
 def print_reports(reports: Sequence[schema.LogReport]) -> None:
-    """Print a list of figures for one log, a table for several; both fit 80 columns.
-
-    With the profiles named there is no room in 80 columns for all the rest.
-    """
+    """Print a list of figures for one log, a table for several; both fit 80 columns."""
     if len(reports) == 1:
         _print_grid([*_figures(reports[0]), *_after(reports[0])])
         return
@@ -33,7 +30,7 @@ def print_reports(reports: Sequence[schema.LogReport]) -> None:
     if has_profiles:
         table.add_column("profile", overflow="fold")
     names = ("against", "total", "head.", "incl.", "p95")
-    for heading in names if has_profiles else ("Hz", "s", *names):
+    for heading in names if has_profiles else ("Hz", "s", *names):  # no room for both
         table.add_column(heading, justify="right", no_wrap=True)
     for report in reports:
         rate = (_number(report.imu.median_rate_hz, 1), f"{report.duration_s:.0f}")
@@ -149,16 +146,14 @@ def _share(value: float | None) -> str:
 @contextmanager
 def reading_bar(log: LogFile) -> Iterator[None]:
     """How far a log has been read, from its second piece on, where that goes to a terminal."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield
-        return
-    name = TextColumn("{task.description}", markup=False)
+    console, name = Console(stderr=True), TextColumn("{task.description}", markup=False)
     columns = (name, BarColumn(), DownloadColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
+    hidden = not console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=hidden) as bar:
         size = log.path.stat().st_size
         task = bar.add_task(printable(log.path.name), total=size, visible=False)
-        log.on_read = lambda done: bar.update(task, completed=done, visible=done > 0)
+        if not hidden:
+            log.on_read = lambda done: bar.update(task, completed=done, visible=done > 0)
         try:
             yield
         finally:

@@ -55,28 +55,18 @@ VELOCITIES = {"time_us": "i8", "velocity_ned_m_s": "3f8"}
 
 
 class How(NamedTuple):
-    """How a log is replayed.
+    """How a log is replayed."""
 
-    ``fixed_gain`` stands in for the fuzzy one. Of several vehicles it is the one with
-    ``system_id``, or with most IMU samples. ``start_wrong_deg`` turns the vehicle's estimate about
-    NED (1,1,1)/sqrt 3, once, at the first sample for which a reference is known. With ``retune`` a
-    few numbers of the profile are retuned on the way, with ``smooth`` the attitudes are by the
-    whole log. ``columns`` describes a table. Only ``window`` is read; its seconds count from the
-    log's beginning. ``reading`` is entered with the log while it is read, ``new_estimator`` makes
-    other estimators than those of ``retune`` and ``smooth``. ``fits_built_in`` is that of
-    :class:`service.pipeline.Pipeline`.
-    """
-
-    fixed_gain: float | None = None
-    system_id: int | None = None
-    start_wrong_deg: float = 0.0
-    retune: bool = False
-    smooth: bool = False
-    columns: Path | None = None
-    window: TimeWindow = WHOLE_LOG
-    reading: Callable[[LogFile], AbstractContextManager[object]] = nullcontext
-    new_estimator: Callable[[Profile], Estimator] | None = None
-    fits_built_in: bool = False
+    fixed_gain: float | None = None  # in place of the fuzzy one
+    system_id: int | None = None  # the vehicle; without it the one with most IMU samples
+    start_wrong_deg: float = 0.0  # turns its estimate once, when a reference is known
+    retune: bool = False  # a few numbers of the profile, on the way
+    smooth: bool = False  # the attitudes are by the whole log
+    columns: Path | None = None  # the file that describes those of a table
+    window: TimeWindow = WHOLE_LOG  # all that is read
+    reading: Callable[[LogFile], AbstractContextManager[object]] = nullcontext  # entered meanwhile
+    new_estimator: Callable[[Profile], Estimator] | None = None  # not those of retune and smooth
+    fits_built_in: bool = False  # see service.pipeline.Pipeline
 
 
 AS_LIVE = How()
@@ -166,24 +156,20 @@ class VehicleTrace(Table):
 
 
 class Replay:
-    """Feeds events through the live pipeline and keeps its estimates.
-
-    ``traces`` are those of all vehicles that sent anything, ``lines`` those of the pipeline.
-    """
+    """Feeds events through the live pipeline and keeps its estimates."""
 
     def __init__(self, profile: Profile, how: How = AS_LIVE) -> None:
         self._how = how
         self.why_empty: str | None = None  # why nothing of the log lay in the window
-        new_estimator = how.new_estimator or self._new_estimator
         self.pipeline = Pipeline(
             profile,
             system_id=how.system_id,
-            new_estimator=new_estimator,
+            new_estimator=how.new_estimator or self._new_estimator,
             fits_built_in=how.fits_built_in,
         )
         self._wrong_turn = exp(scale(radians(how.start_wrong_deg), WRONG_START_AXIS))
-        self.traces: dict[events.VehicleId, VehicleTrace] = {}
-        self.lines: list[str] = []
+        self.traces: dict[events.VehicleId, VehicleTrace] = {}  # of all that sent anything
+        self.lines: list[str] = []  # the pipeline's
 
     def _new_estimator(self, profile: Profile) -> Estimator:
         if self._how.smooth:
@@ -211,7 +197,6 @@ class Replay:
         return max(sending, key=lambda t: (len(t), -t.address.system_id), default=None)
 
     def _trace(self, event: events.VehicleEvent) -> VehicleTrace:
-        """That of the vehicle that an event is about."""
         if event.vehicle not in self.traces:
             self.traces[event.vehicle] = VehicleTrace(event.vehicle)
         return self.traces[event.vehicle]

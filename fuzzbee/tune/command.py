@@ -33,22 +33,12 @@ _PARAMETERS = (
     " [default: by source, objective and rate]"
 )
 
-EPILOG = opt.examples(
-    "fuzzbee tune sim: -o tuned.toml",
-    "fuzzbee tune sim: -o tuned.toml --resume --view",
-    "fuzzbee tune monday.tlog tuesday.tlog --hold-out wednesday.tlog -o copter.toml",
-    "fuzzbee tune flight.bin -o copter.toml --objective recovery --plot figures",
-    "fuzzbee tune sim: -o tuned.toml --cluster tcp://127.0.0.1:8786",
-)
-
 
 class TuneRequest(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
     sources: list[str] = typer.Argument(metavar="SOURCE...", help=_SOURCES)
-    output: Path = opt.option(
-        "The profile to write.", "--output", "-o", default=..., metavar="FILE"
-    )
+    output: Path = opt.option("The profile to write.", "--output", "-o", default=...)
     base: str | None = opt.option(_BASE, metavar="PROFILE")
     objective: str | None = opt.option(_OBJECTIVE)
     reference: str | None = opt.option(_REFERENCE)
@@ -78,7 +68,13 @@ class TuneRequest(NamedTuple):
         return opt.SIMULATION in self.sources
 
 
-@opt.command
+@opt.command(
+    "fuzzbee tune sim: -o tuned.toml",
+    "fuzzbee tune sim: -o tuned.toml --resume --view",
+    "fuzzbee tune monday.tlog tuesday.tlog --hold-out wednesday.tlog -o copter.toml",
+    "fuzzbee tune flight.bin -o copter.toml --objective recovery --plot figures",
+    "fuzzbee tune sim: -o tuned.toml --cluster tcp://127.0.0.1:8786",
+)
 def tune(request: TuneRequest) -> int:
     """Tune a profile with an artificial bee colony.
 

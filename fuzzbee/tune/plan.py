@@ -35,21 +35,19 @@ CALIBRATION = "calibration"  # the group of parameters that begins with a fit
 CONTROLLER = {"membership", "filter"}  # the groups of the fuzzy controller
 # Food sources and cycles. A flight flown again takes a tenth of a second, the signals 50 us.
 SIMULATION_BUDGET, LOG_BUDGET = (100, 300), (10, 15)
+# What is searched, the profile to beat, the reference of the cost, and the inputs
+Found = tuple[tasks.Task, Profile, str, Provenance]
 
 
 class Plan(NamedTuple):
-    """What is searched and how, the profile that it is to beat, and the reference of the cost.
-
-    ``provenance`` holds everything that determines the result: options (what was left to a default
-    counts as if it had been given), inputs, seeds and the version.
-    """
+    """What is searched and how."""
 
     request: TuneRequest
     task: tasks.Task
-    before: Profile
+    before: Profile  # which the result is to beat
     options: SearchOptions
-    reference: str
-    provenance: Provenance
+    reference: str  # of the cost
+    provenance: Provenance  # all that determines the result: options, inputs, seeds and version
 
 
 def plan(request: TuneRequest) -> Plan:
@@ -59,23 +57,23 @@ def plan(request: TuneRequest) -> Plan:
         raise InputError(f"-o {output}: a folder, not a file")
     if not os.access(output.parent, os.W_OK):
         raise InputError(f"-o {output}: the folder cannot be written to")
-    found = (_paper if request.is_simulated else _logs)(request, options)
+    task, before, reference, provenance = (_paper if request.is_simulated else _logs)(request)
     if request.limit is None:
-        options = options._replace(limit=options.food_sources * len(found.task.space))
-        found = found._replace(options=options)
-    given = {name: value for name, value in _given(found).items() if value is not None}
-    provenance = replace(found.provenance, options=given, version=__version__)
-    return found._replace(provenance=provenance)
+        options = options._replace(limit=options.food_sources * len(task.space))
+    given = _given(request, task, before, options)
+    provenance = replace(provenance, options=given, version=__version__)
+    return Plan(request, task, before, options, reference, provenance)
 
 
-def _given(plan: Plan) -> dict[str, Any]:
+def _given(
+    request: TuneRequest, task: tasks.Task, before: Profile, search: SearchOptions
+) -> dict[str, Any]:
     """The options that determine the result; a base that is no name by its content."""
-    request, task, search = plan.request, plan.task, plan.options
     begin, end = time_window(request.begin, request.end)
     base = request.base or (MIDPOINT if request.is_simulated else "imu")
     if base not in (*SHIPPED, MIDPOINT):  # a file's name does not fix its content
-        base = f"sha256:{sha256(profile_to_toml(plan.before).encode()).hexdigest()}"
-    return {
+        base = f"sha256:{sha256(profile_to_toml(before).encode()).hexdigest()}"
+    given = {
         "command": "tune",
         "algorithm": search.algorithm,
         "sources": search.food_sources,
@@ -88,6 +86,7 @@ def _given(plan: Plan) -> dict[str, Any]:
         "from": begin,
         "to": end,
     }
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def _search_options(request: TuneRequest) -> SearchOptions:
@@ -126,8 +125,7 @@ def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(name.strip() for name in request.parameters.split(",") if name.strip())
 
 
-def _paper(request: TuneRequest, options: SearchOptions) -> Plan:
-    """The search on the paper's signals."""
+def _paper(request: TuneRequest) -> Found:
     if len(request.sources) > 1 or request.hold_out:
         raise InputError("tune: sim: stands alone, not beside logs")
     for flag in asked_for(request, "objective", "reference", "begin", "end"):
@@ -145,10 +143,9 @@ def _paper(request: TuneRequest, options: SearchOptions) -> Plan:
             f"--parameters {request.parameters}: sim: is tuned on membership, or membership,filter"
         )
     task = tasks.PaperTask(base, groups, tuple(noise), tuple(held_out))
-    chosen = {"noise": noise, "held_out": held_out}
-    seeds = {"search": request.seed, **{name: _in_words(each) for name, each in chosen.items()}}
+    seeds = {"search": request.seed, "noise": _in_words(noise), "held_out": _in_words(held_out)}
     provenance = Provenance(inputs=[{"name": SIMULATION}], seeds=seeds)
-    return Plan(request, task, base, options, "simulated vehicle's truth", provenance)
+    return task, base, "simulated vehicle's truth", provenance
 
 
 def _in_words(seeds: range) -> str:
@@ -164,8 +161,7 @@ def _seeds(option: str, text: str) -> range:
     return chosen
 
 
-def _logs(request: TuneRequest, options: SearchOptions) -> Plan:
-    """The search on recorded flights."""
+def _logs(request: TuneRequest) -> Found:
     for flag in asked_for(request, "noise_seeds", "held_out_seeds"):
         raise InputError(f"{flag} goes with sim: only; a log has its own noise")
     goal = request.objective or "flight"
@@ -196,7 +192,7 @@ def _logs(request: TuneRequest, options: SearchOptions) -> Plan:
     reference = "; ".join(dict.fromkeys(map(reference_text, flights)))
     inputs = _report_flights(flights, {flight.sha256 for flight in held_out})
     provenance = Provenance(inputs=inputs, seeds={"search": request.seed})
-    return Plan(request, task, before, options, reference, provenance)
+    return task, before, reference, provenance
 
 
 def _report_flights(flights: tuple[Flight, ...], held_out: set[str]) -> list[dict[str, str]]:
@@ -235,7 +231,6 @@ def _read_flights(request: TuneRequest, base: Profile, *, may_smooth: bool) -> t
 
 
 def _log_groups(request: TuneRequest, goal: str, flights: tuple[Flight, ...]) -> tuple[str, ...]:
-    """The groups of parameters that these flights can tune."""
     slowest = min(flights, key=lambda flight: flight.rate_hz)
     groups = _groups(request, tasks.default_groups(goal, slowest.rate_hz))
     if ("sigma" in groups) != (goal == "coverage"):

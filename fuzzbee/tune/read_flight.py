@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.logs.open import open_log
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from estimator.errors import InputError
 from estimator.live.rows import Rows
@@ -33,12 +32,7 @@ def read_flight(
     *,
     may_smooth: bool = True,
 ) -> Flight:
-    """The vehicle with most IMU samples in ``window``, with all that its estimator was given.
-
-    The smoothed attitude is a reference where ``may_smooth``.
-    """
-    with open_log(path) as log:
-        sha256 = log.sha256()
+    """The vehicle with most IMU samples in ``window``, with all that its estimator was given."""
     trace = replay_log(path, profile, How(window=window, new_estimator=LoggedEstimator))
     if len(trace) < 2:
         raise InputError(f"{path}: a single sample of an IMU")
@@ -52,7 +46,7 @@ def read_flight(
     reports, calls = split_calls(recorder.calls)
     found = Flight(
         path=path,
-        sha256=sha256,
+        sha256=trace.log.sha256(),
         message=trace.message,
         reference=trace.reference or "none",
         rows=Rows(*(np.array(trace[name]) for name in ROWS)),

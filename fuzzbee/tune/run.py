@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec.structs import replace
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from drivers.output_file import written_for
 from estimator.arrays import Floats
 from estimator.profile import Profile, profile_to_toml
 from fuzzbee.notify import print_line
-from fuzzbee.tune.figure import draw
 from fuzzbee.tune.plan import Plan
-from fuzzbee.tune.report import has_gained, in_words, remarks, report_of
+from fuzzbee.tune.report import draw, has_gained, in_words, remarks, report_of
 from service.signals import stop_on_signals
 from tuning.optimizers import ALGORITHMS, run_search
 from tuning.processes import Cluster, Pool, available_cores
@@ -27,8 +26,7 @@ from tuning.space import encode, profile_with, values_of
 if TYPE_CHECKING:
     from fuzzbee.tune.view import SearchView
 
-# A checkpoint is written this often, so a power cut costs no more of a search.
-CHECKPOINT_PERIOD_S = 20.0
+CHECKPOINT_PERIOD_S = 20.0  # a power cut costs no more of a search
 NO_GAIN = 1
 INTERRUPTED = 130
 
@@ -90,7 +88,9 @@ def _run(
     task, request, options = plan.task, plan.request, plan.options
     checkpoint, saved_s = checkpoint_path(request.output), time.monotonic()
     console = Console(stderr=True)
-    bar = Progress(console=console, disable=not console.is_terminal)
+    name, count = TextColumn("{task.description}, evaluations"), MofNCompleteColumn()
+    columns = (name, BarColumn(20), count, TimeRemainingColumn())
+    bar = Progress(*columns, console=console, disable=not console.is_terminal)
     line = bar.add_task(options.algorithm, total=options.budget)
     cores = request.threads or available_cores()
     pool = Cluster(task.costs, request.cluster) if request.cluster else Pool(task.costs, cores)

@@ -13,15 +13,12 @@ X, Y, Z = (235, 70, 70), (70, 180, 80), (80, 120, 250)  # or roll, pitch, headin
 
 
 class Plot(NamedTuple):
-    """A plot; its range is fixed, so that a quiet filter looks quiet.
-
-    ``lines`` are ours, ``of_others`` those of an attitude of somebody else's.
-    """
+    """A plot; its range is fixed, so that a quiet filter looks quiet."""
 
     title: str
     span: tuple[float, float]
-    lines: dict[str, Colour]
-    of_others: tuple[str, ...] = ()
+    lines: dict[str, Colour]  # ours
+    of_others: tuple[str, ...] = ()  # those of somebody else's attitude
 
 
 _SIGMAS: dict[str, Colour] = {"sigma inclination": (150, 90, 235), "sigma heading": (225, 70, 150)}

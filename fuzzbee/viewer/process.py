@@ -18,14 +18,12 @@ HOST = "127.0.0.1"
 WEB_PORT = 9090  # Rerun's own; a free one if it is taken
 START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 2.0
-# A minute or two.
-LIVE_HISTORY = "2MB"
+LIVE_HISTORY = "2MB"  # a minute or two
 
 
 class ViewerProcess:
     """A child that ends with us, also when we are killed (on Linux).
 
-    ``url`` is where records go; ``page`` is what a browser opens, None with a window.
     With ``live`` a page that is opened late is not sent all that was before: it would show the past
     until it has taken it in.
     Start it from the main thread: the kernel ties the child to the thread that started it.
@@ -40,7 +38,7 @@ class ViewerProcess:
             raise InputError("--view: no screen here; --view web serves a page for a browser")
         # removed also if something interrupts the start; the child itself ends with us
         self._folder = tempfile.TemporaryDirectory(prefix="fuzzbee-", ignore_cleanup_errors=True)
-        self.page: str | None = None
+        self.page: str | None = None  # what a browser opens, if it is no window
         try:
             self._open(WEB_PORT if web else None, live=live)
         except InputError:  # two that start at the same moment find the same ports free
@@ -66,9 +64,8 @@ class ViewerProcess:
         self._folder.cleanup()
 
     def _open(self, web_port: int | None, *, live: bool) -> None:
-        """Start it on free ports."""
         ports = [_free_port(0)]
-        self.url = f"rerun+http://{HOST}:{ports[0]}/proxy"
+        self.url = f"rerun+http://{HOST}:{ports[0]}/proxy"  # where records go
         arguments = ["--bind", HOST, "--port", str(ports[0]), "--memory-limit", "2GB"]
         if web_port is None:
             arguments += ["--hide-welcome-screen", "--expect-data-soon"]

@@ -46,10 +46,7 @@ def parse_address(text: str) -> tuple[str, int]:
 
 
 class WebPage:
-    """Serves the page of a table model; a sink of the service, and beside watch's display.
-
-    ``now_s`` is the clock of the table model. Close it.
-    """
+    """Serves the page of a table model; a sink of the service, and beside watch's display."""
 
     name = "web"
 
@@ -58,7 +55,7 @@ class WebPage:
         address: tuple[str, int],
         title: str,
         model: Latest | None = None,
-        now_s: Callable[[], float] = time.monotonic,
+        now_s: Callable[[], float] = time.monotonic,  # of the model
     ) -> None:
         self.model = model or Latest()
         self.title = title

@@ -31,7 +31,11 @@ BAD = [
     (["run", "--rate", "x"], "--rate x: should be a number\n"),
     *((["run", name, "0"], f"{name} 0") for name in ("--seconds", "--speed", "--request-rate")),
     (["run", "--speed", "2"], "--speed"),
-    *(([*verb, "--gain", k], f"--gain {k}") for k in ("0", "nan") for verb in (["run"], SIM)),
+    *(
+        ([*verb, "--gain", k], f"--gain {k}")
+        for k in ("0", "nan", "20000.5")
+        for verb in (["run"], SIM)
+    ),
     (["run", "--system-id", "256"], "256"),
     (["run", "--profile", "nosuch"], "nosuch"),
     (["run", "--no-zenoh", "/dev/ttyNOSUCH:57600"], "ttyNOSUCH"),
