@@ -25,7 +25,7 @@ RATES_HZ = ((1.0, 0.0), (2.0, 0.0), (2.0, 4.0), (2.0, 10.0), (4.0, 0.0), (4.0, 1
 
 
 def schedule(rate_hz: float, rng: np.random.Generator) -> Callable[[int], bool]:
-    """What says of a time (us) whether it is the first behind one that was due."""
+    """A test of a time (us): whether it is the first behind one that was due."""
     due_us: float | None = None
 
     def lets_through(time_us: int) -> bool:

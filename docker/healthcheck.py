@@ -40,7 +40,7 @@ def main() -> int:
 
 
 def answer(status: int, text: str) -> int:
-    """Say it where ``docker inspect`` shows it."""
+    """Print it where ``docker inspect`` shows it."""
     print(text)
     return status
 

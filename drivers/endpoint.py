@@ -14,7 +14,7 @@ from estimator.errors import InputError
 
 Kind = Literal["sim", "udpin", "udpout", "tcp", "tcpin", "serial", "log"]
 
-LOOPBACK = "127.0.0.1"  # an open port on all interfaces is for whoever asks for 0.0.0.0
+LOOPBACK = "127.0.0.1"  # 0.0.0.0, all interfaces, must be asked for
 
 
 @dataclass(frozen=True, slots=True)

@@ -183,8 +183,8 @@ class TrackLost(VehicleEvent, frozen=True):
 class Rejected(VehicleEvent, frozen=True):
     """A sample that a check refused; counted under its ``reason``.
 
-    ``message`` names the stream it came in, as in ``Imu``: a zero second IMU
-    says nothing about the first.
+    ``message`` names the stream it came in, as in ``Imu``: a second IMU of
+    zeros shows nothing about the first.
     """
 
     reason: Reason

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from estimator.errors import InputError
 
-# The disk's trouble, not that of whoever named the file.
+# Errors of the disk, not of the name that the user gave.
 DISK_ERRORS = frozenset({errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO})
 
 
@@ -31,7 +31,7 @@ def output_path(path: Path) -> Path:
     try:
         about = path.lstat()
     except (OSError, ValueError):
-        return path  # it is not there; whoever opens it reports what else is wrong
+        return path  # it is not there; opening it reports any other error
     if not stat.S_ISLNK(about.st_mode):
         return path
     if hasattr(os, "geteuid") and about.st_uid not in (0, os.geteuid()):

@@ -39,7 +39,7 @@ def run_in_thread(work: Callable[[], T], name: str) -> "Future[T]":
     def run() -> None:
         try:
             result = work()
-        except BaseException as error:  # noqa: BLE001 - raised again by whoever asks
+        except BaseException as error:  # noqa: BLE001 - raised again for each who asks
             done.set_exception(error)
         else:
             done.set_result(result)

@@ -72,7 +72,7 @@ def _main_options(
     context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
     verbose: Annotated[  # noqa: ARG001 - read from the arguments by main
-        bool, typer.Option("--verbose", "-v", help="Say more on standard error.")
+        bool, typer.Option("--verbose", "-v", help="Log more on standard error.")
     ] = False,
 ) -> None:
     if version:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 UNITS = {"gyr_bias_rad_s": "rad/s", "acc_bias_m_s2": "m/s²", "mag_offset_gauss": "gauss"}
 _PROFILE = "imu, adaptive or a TOML file; its own calibration is set aside."
-_PLACE = "Where it flew, in degrees. [default: what the log says]"
+_PLACE = "Where it flew, in degrees. [default: as in the log]"
 _OUTPUT = "Write that profile with the calibration found."
 _COMPASS = "Which compass, from 0 on. [default: that of the IMU's message]"
 
@@ -121,7 +121,7 @@ def report_lines(report: dict[str, Any]) -> Iterator[str]:
         adds = ""
         if report.get("ardupilot_adds"):
             how = "add OFS to that" if report["orientation"] is None else "taken for NONE"
-            adds = f"; the log does not say what was set: {how}"
+            adds = f"; the log does not hold what was set: {how}"
         yield f"# ArduPilot, to be looked at before use{adds}:"
     for name, number in report["ardupilot"].items():
         digits = 0 if "MOTCT" in name or "ORIENT" in name else 1 if "COMPASS_OFS" in name else 4

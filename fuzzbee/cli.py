@@ -52,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _status_of(error: Any, *, is_verbose: bool) -> int:
     """The status after an error, ``INTERRUPTED`` after an interrupt; prints a line of it."""
     match error:
-        # whoever read our output has seen enough; met in an output that was /dev/stdout it is an
+        # the reader of our output has seen enough; met in an output that was /dev/stdout it is an
         # InputError, and an exit if the parser met it
         case (
             BrokenPipeError()
@@ -134,7 +134,7 @@ def _end(status: int) -> None:
     threading._shutdown()  # type: ignore[attr-defined]  # noqa: SLF001 - joins threads
     atexit._run_exitfuncs()  # noqa: SLF001
     for stream in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError):  # closed by whoever read it
+        with suppress(OSError, ValueError):  # closed by its reader
             stream.flush()
     os._exit(status)
 

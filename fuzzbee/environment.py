@@ -4,7 +4,7 @@ import os
 import re
 from pathlib import Path
 
-# The libraries' own switches are for whoever develops with them: some print on standard output,
+# The libraries' own switches are for their developers: some print on standard output,
 # end the process, leave out checksums or what is drawn.
 SWITCHES = (
     *("NUMBA_", "LLVMLITE_", "NUMPY_", "NPY_", "RERUN", "FORCE_RERUN", "MPL", "MATPLOTLIBRC"),

@@ -59,7 +59,7 @@ SECONDS = source("End after N seconds.", metavar="N")
 RETUNE = estimate("Retune a few numbers whenever the sensors' noise changes.", default=False)
 JSON = showing("JSON on standard output, nothing else there.", "--json", default=False)
 INSECURE = "Take a key file that others may read."
-VERBOSE = showing("Say more on standard error.", "--verbose", "-v", default=False)
+VERBOSE = showing("Log more on standard error.", "--verbose", "-v", default=False)
 
 
 def command(*lines: str) -> Callable[[Callable[[Any], Any]], Any]:

@@ -14,7 +14,7 @@ from fuzzbee.notify import notify
 from fuzzbee.run import RunOptions
 
 LONGEST_KEY_FILE = 4096  # bytes
-PIPE_S = 5.0  # for whoever writes the key into a pipe
+PIPE_S = 5.0  # in which a program writes the key into a pipe
 SHORT_PHRASE = 8  # characters; shorter ones are guessed
 
 

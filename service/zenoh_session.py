@@ -1,7 +1,7 @@
 """A Zenoh session from a few options.
 
 By default a session is a peer that both listens on and connects to one
-well-known loopback address. Whoever comes first gets the address; the others
+well-known loopback address. The first session gets the address; the others
 connect to it, or to a router already there. Each session also listens on a
 free loopback port: peers do not relay for each other, so a third one must be
 able to reach the second directly (they learn of each other by gossip). When

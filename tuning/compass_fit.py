@@ -2,7 +2,7 @@
 
 S (m - b) is to have the model's strength and, along the vertical that the estimate knows, the
 model's vertical part. Headings are not asked: they may come from that compass. b is the hard iron,
-the symmetric S the soft iron, which is taken only if it says more of stretches left out, by more
+the symmetric S the soft iron, which is taken only if it fits stretches left out better, by more
 than one standard error of that. So is c I, the field of the battery's current I, where that is
 known.
 """
@@ -16,7 +16,7 @@ from estimator.arrays import Bools, Floats, Ints
 from estimator.geometry.earth import PlaceField
 
 BLOCKS, MOST_SAMPLES = 10, 1000  # stretches of time, which are left out in turn
-MODEL_GAUSS = 1.5e-3  # sigma of the model beside a place: its report says 138 nT, 0.2 deg of dip
+MODEL_GAUSS = 1.5e-3  # sigma of the model beside a place: its report has 138 nT, 0.2 deg of dip
 MOST_STEPS = 30  # of a solution; 10 are usual, without turns there is no end
 SURE = 3.0  # sigma
 NEAR = np.cos(np.pi / 4)

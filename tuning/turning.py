@@ -1,6 +1,6 @@
 """How readings turn against each other: a gyroscope beside a vector that others measure.
 
-A vector v that stands still turns against the body: v' = -w x v. What a gyroscope says is compared
+A vector v that stands still turns against the body: v' = -w x v. A gyroscope's rate is compared
 with how a vector has changed between means that follow each other. A sensor may also be mounted
 turned: by which right angle, a known field beside a compass's readings shows.
 """

@@ -134,7 +134,7 @@ class FrameGate:
         if copies is not None and (is_imu or copies.proofs):
             source, is_repeat = copies.look(frame, peer, arrival_us)
             if source is not None:
-                if source != peer:  # whoever brings the originals is followed
+                if source != peer:  # follow the sender of the originals
                     known.peer, known.last_us = source, arrival_us
                 return Reason.DUPLICATE
         if known.peer not in (None, peer):

@@ -24,7 +24,7 @@ from drivers.mavlink.transports.transport import Packet
 from drivers.resources import SLOTS, Closing, run_in_thread
 
 MOST_READERS = SLOTS  # half-read frames of that many senders; the one silent for longest goes
-# So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.
+# So many frames are decoded at one go, some 1 ms, before the caller can do something else.
 MOST_AT_ONCE = 64
 # Looks at the endpoint that find something are this far apart at least: to wake up costs as much
 # as several samples, and hundreds of vehicles would wake it at each of theirs.

@@ -194,7 +194,7 @@ class _Writer:
             return self._target
         start = datetime.fromtimestamp(arrival_us / 1e6, UTC).strftime("%Y%m%dT%H%M%SZ")
         path, number = self._target / f"{start}.tlog", 1
-        with suppress(OSError):  # whoever opens it reports what else is wrong
+        with suppress(OSError):  # opening it reports any other error
             self._target.mkdir(parents=True, exist_ok=True)  # a file may have gone with its folder
             while True:
                 try:

@@ -262,7 +262,7 @@ def _is_below(vector: Vec3, most: float) -> bool:
 
 
 class Plausibility:
-    """Says once, in words, when an IMU's magnitudes cannot be right."""
+    """Reports once, in words, that an IMU's magnitudes cannot be right."""
 
     def __init__(self) -> None:
         # the latest of each, of which the median counts

@@ -36,12 +36,12 @@ def is_receiver(message: str) -> bool:
 
 
 FILTER_VELOCITY_SIGMA_M_S = 0.3  # an autopilot's own filter, typical with GPS
-RECEIVER_VELOCITY_SIGMA_M_S = 0.5  # a GPS receiver that does not say
+RECEIVER_VELOCITY_SIGMA_M_S = 0.5  # a GPS receiver that reports none
 RECEIVER_LATE_SIGMA_S = 0.1  # how late it is, is not known better
 
 
 class Fix(NamedTuple):
-    """A message's velocity and position; None for what it does not say.
+    """A message's velocity and position; None for what it does not hold.
 
     ``velocity_ned_m_s`` has a meaningless third component where ``has_vertical`` is false.
     ``sigma_m_s`` is its accuracy (1 sigma) by the message itself. ``position`` is latitude
@@ -55,7 +55,7 @@ class Fix(NamedTuple):
 
     @property
     def is_solved(self) -> bool:
-        """Whether it says anything: zero latitude and longitude are a receiver's first words."""
+        """Whether there is a fix: zero latitude and longitude are a receiver's first reports."""
         if self.position is None:
             return self.velocity_ned_m_s is not None
         latitude_deg, longitude_deg, _ = self.position
@@ -116,7 +116,7 @@ class Navigation:
     ) -> FilterStatus:
         """Take the filter's status: the bits that all of them share, and its test ratios.
 
-        A ratio that is no number says nothing.
+        A ratio that is no number is left out.
         """
         stands = bool(flags & CONSTANT_POSITION)
         self._filter = status = FilterStatus(

@@ -2,7 +2,7 @@
 
 Real sensors are noisy: equal readings, one after the other, come from a driver that has stopped
 reading. But fields are coarse, and simulators know rest without noise: so equal readings are
-refused only if what the other sensors say cannot be true beside them.
+refused only if the other sensors contradict them.
 """
 
 from dataclasses import dataclass, field
@@ -45,20 +45,20 @@ HELD_US = 2_000_000  # unlikely readings at most; by then it is known whether it
 FROZEN_US = 300_000  # so long a moving gyroscope does not repeat itself while others do not
 # Where there is no field, a steady turn explains equal readings for so long; noise ends it earlier
 STEADY_US = 3_000_000
-# An accelerometer alone is stuck once the gyroscope says that the vehicle has turned this far, in
+# An accelerometer alone is stuck once the gyroscope shows that the vehicle has turned this far, in
 # radians; below MOVING_GYR_RAD_S that may be its bias
 STUCK_ACC_RAD = 0.35
 LONGEST_STEP_S = 0.1
 # What no vehicle at rest shows: more than a gyroscope's bias, not 1 g, force or field that turn
 MOVING_GYR_RAD_S, MOVING_ACC_M_S2, MOVING_RAD = 0.05, 0.5, 0.1
 DISTINCT_RAD = 0.05  # a turn so far stands out of noise
-CONFIRMS_RAD = 0.25  # nearer than that to where the rate says, and half the way: it has turned so
+CONFIRMS_RAD = 0.25  # nearer than that to the turn by the rate, and half the way: it has turned so
 WEIGHT_M_S2 = 0.5  # from 1 g, of the force along the axis of a steady turn
 # Of the field's strength, and of the way that the rate gives it: so far off it may be, as hard iron
 # bends the way
 FIELD_OFF, FIELD_OFF_SHARE = 0.17, 0.5
 FIELD_LATE_S = 0.15  # magnetometers follow 0.1 s late, in steps
-FIELD_WAY = 0.5  # of the field's strength: having gone so far as the rate says, it begins anew
+FIELD_WAY = 0.5  # of the field's strength: having gone as far as by the rate, it begins anew
 # Turned so far, the field cannot be what it was: by any turns in HELD_US; sooner, by what the rate
 # comes to beyond a bias
 MAG_PATH_RAD, MAG_TURN_RAD = 0.5, 0.1
@@ -193,9 +193,9 @@ class StuckSensors:
     acc: Repetition = field(default_factory=Repetition)
     mag: Repetition = field(default_factory=Repetition)
     last_us: int = 0  # of the last reading that was not saturated
-    watched: Readings = NOTHING  # from there on the field must turn as the repeated rate says
+    watched: Readings = NOTHING  # from there on the field must turn by the repeated rate
     gyr_begin: Readings = NOTHING  # when the gyroscope began to repeat itself
-    turned: Vec3 = ZERO_VEC3  # where the gyroscope says that the repeated force should be
+    turned: Vec3 = ZERO_VEC3  # where the repeated force should be by the gyroscope
     mag_path_rad: float = 0.0  # without a new field, turns to and fro alike
     mag_turn: Vec3 = ZERO_VEC3  # what they come to, rad
     mag_equal_s: float = 0.0
@@ -217,7 +217,7 @@ class StuckSensors:
             if not (gyr_equal or acc_equal):  # nearly always
                 return None
         if acc_equal and largest(gyr) > MOVING_GYR_RAD_S and not carries_weight(acc, gyr):
-            # the repeated force turns as the gyroscope says (dv/dt = v x w), but in a steady turn
+            # the repeated force turns by the gyroscope (dv/dt = v x w), but in a steady turn
             step_s = min(max(MICROSECOND * step_us, 0.0), LONGEST_STEP_S)
             self.turned = vector_after_turn(self.turned, gyr, step_s)
         return self._judge(now)
@@ -302,7 +302,7 @@ class StuckSensors:
             way_rad = apart_rad(before, vector_after_turn(before, gyr, half_s))
             near_rad = min(0.5 * way_rad, CONFIRMS_RAD)
             if way_rad >= DISTINCT_RAD and apart_rad(expected, after) < near_rad:
-                return False  # it has turned as the gyroscope says
+                return False  # it has turned by what the gyroscope measured
         moves = any(apart_rad(*pair) > MOVING_RAD for pair in pairs)
         return moves or largest(gyr) > MOVING_GYR_RAD_S
 

@@ -3,7 +3,7 @@
 ATTITUDE and ATTITUDE_QUATERNION carry the truth, like SIM_STATE: the vehicle has no estimator with
 errors of its own. A vehicle that flies sends position and velocity; those that turn on the spot
 know of none. AUTOPILOT_VERSION shows that it is fuzzbee's own, and its motion, ten times a second,
-ahead of the sample: whoever listens knows from the start what signals these are.
+ahead of the sample, so that a listener knows from the start what signals these are.
 """
 
 from collections.abc import Callable

@@ -4,8 +4,8 @@ The path is a closed function of time, and everything else follows from it: the 
 body up, so the attitude is that of the thrust the path needs against gravity and drag; the rate is
 the attitude's change; the specific force is acceleration less gravity. A round of ``ROUND_S``:
 on the ground, a climb, figures of eight, a hover during which a magnet passes, more eights with a
-stretch of silence, and the landing. At the very start somebody still sets the copter down: whoever
-aligns by the first sample starts wrong.
+stretch of silence, and the landing. At the very start somebody still sets the copter down: an
+estimator that aligns by the first sample starts wrong.
 """
 
 from typing import NamedTuple

@@ -72,7 +72,7 @@ def find_start_by_search(
 ) -> tuple[Start | None, bool]:
     """The attitude by velocity and field together, or by velocity alone, once a window shows it.
 
-    The second value says whether the unaided attitude may be corrected to it, or is worth nothing.
+    The second value is whether the unaided attitude may be corrected to it, or is worth nothing.
     """
     if not state.run(kernel_handle.search, report):
         return None, True

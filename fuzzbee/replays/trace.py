@@ -89,7 +89,7 @@ class VehicleTrace(Table):
         self.velocities = defaultdict[str, Table](lambda: Table(**VELOCITIES))  # by message
         self.reference: str | None = None  # the one that it is compared with
         self.warned_s: Counter[str] = Counter()  # for how long each warning stood
-        self.malformed = 0  # rows or frames of the log that cannot be read, whoever sent them
+        self.malformed = 0  # rows or frames of the log that cannot be read, of any sender
         self.last_us: int | None = None  # the latest sample
         self.has_heading = False  # whether there is one to score: by a field or by velocity
         self.turned_at_us: int | None = None

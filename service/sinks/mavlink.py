@@ -179,7 +179,7 @@ def announced(opinion: records.Autopilot) -> str:
 class RecordingSink:
     """Writes changes that the service made by itself to ``recorder``, beside what arrived.
 
-    A STATUSTEXT of component 191, so that whoever replays the recording sees when it was retuned.
+    A STATUSTEXT of component 191, so that a replay of the recording shows when it was retuned.
     """
 
     name = "recording"

@@ -77,7 +77,7 @@ def test_a_ground_station_gets_its_rate():
 @pytest.mark.parametrize(
     ("to", "from_", "clients"), [("udpin", "udpout", 1), ("tcpin", "tcp", 2), ("tcp", "tcpin", 1)]
 )
-def test_it_is_heard_whoever_of_the_two_listens(to, from_, clients):
+def test_it_is_received_with_either_side_listening(to, from_, clients):
     """Where it is not the vehicle, that is refused until somebody does."""
     port = free_port(UDP if to == "udpin" else socket.SOCK_STREAM)
     command = ("sim", "--to", f"{to}:{HOST}:{port}", "--vehicles", "3")

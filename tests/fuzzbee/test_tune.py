@@ -269,7 +269,7 @@ def test_what_moves_sigma_alone_is_judged_by_coverage(tuned):
     assert answer["cost_after"] < answer["cost_before"]
 
 
-def test_a_log_gives_the_same_file_wherever_it_lies_and_whoever_computes(tmp_path, tuned):
+def test_a_log_gives_the_same_file_in_any_folder_and_by_any_worker(tmp_path, tuned):
     moved = tmp_path / "moved" / SLOW.name
     moved.parent.mkdir()
     moved.write_bytes(SLOW.read_bytes())

@@ -220,7 +220,7 @@ def test_the_viewer_ends_with_us_and_listens_on_loopback_only(number):
 @pytest.mark.slow
 @pytest.mark.skipif(browser.program() is None, reason="no Chromium")
 def test_the_page_shows_the_attitude_moving(tmp_path):
-    """Screenshots go to FUZZBEE_SCREENSHOTS, for whoever wants to look."""
+    """Screenshots go to the folder FUZZBEE_SCREENSHOTS."""
     image = pytest.importorskip("PIL.Image")
     folder = Path(os.environ.get("FUZZBEE_SCREENSHOTS", tmp_path))
     with started("run", "--no-zenoh", "--json", "--view", "web", "--rate", "20") as service:

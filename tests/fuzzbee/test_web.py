@@ -132,7 +132,7 @@ def test_a_taken_port_is_named(page):
 
 @pytest.mark.skipif(browser.program() is None, reason="no Chromium")
 def test_a_browser_shows_one_vehicle_or_all_and_what_is_stale(page, clock, tmp_path):
-    """At a phone's size; screenshots go to FUZZBEE_SCREENSHOTS, for whoever wants to look."""
+    """At a phone's size; screenshots go to the folder FUZZBEE_SCREENSHOTS."""
     folder = Path(os.environ.get("FUZZBEE_SCREENSHOTS", tmp_path))
     page.handle([Published(ONE, record(10, -20, 30)), Published(ONE, running())])
     with browser.page(f"http://127.0.0.1:{page.port}/", tmp_path / "profile") as seen:

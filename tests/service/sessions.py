@@ -22,7 +22,7 @@ from tests.service.flight_rig import PAPER
 
 
 def open_session(endpoint, **changes):
-    """The default session on a port of the test's own; whoever opened it closes it."""
+    """The default session on a port of the test's own; the caller closes it."""
     options = ZenohOptions(connect=(endpoint,), settings=(listen_setting(endpoint),))
     return OpeningSession(options._replace(**changes), print).session()
 

@@ -72,8 +72,8 @@ def test_fuzzbee_s_own_vehicle_gets_the_profile_that_fits():
     pipeline = Pipeline(IMU, fits_built_in=True)
     assert pipeline.handle(built_in("of another version")) == []
     noisy = "profile paper (signals so noisy that 5 to 10° remain)"
-    told = texts(pipeline.handle(built_in("paper")))
-    assert told == [f"vehicle 1: fuzzbee's own, motion paper, {noisy}"]
+    notified = texts(pipeline.handle(built_in("paper")))
+    assert notified == [f"vehicle 1: fuzzbee's own, motion paper, {noisy}"]
     assert pipeline.handle(built_in("paper")) == []
     for event in imu_events(300):
         pipeline.handle(event)
@@ -81,8 +81,8 @@ def test_fuzzbee_s_own_vehicle_gets_the_profile_that_fits():
     outputs = pipeline.tick(START_US + 3_000_000)
     assert [o for o in outputs if isinstance(o, Replaced)] == [Replaced(ONE, PAPER)]
     assert texts(outputs) == []
-    told = texts(pipeline.handle(built_in("flight")))
-    assert told == ["vehicle 1: fuzzbee's own, motion flight, profile imu"]
+    notified = texts(pipeline.handle(built_in("flight")))
+    assert notified == ["vehicle 1: fuzzbee's own, motion flight, profile imu"]
     assert pipeline.vehicle(ONE).profile == IMU
     # after a reboot another vehicle may have the address
     pipeline.handle(built_in("paper"))

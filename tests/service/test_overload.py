@@ -49,7 +49,7 @@ def test_while_samples_are_left_out_and_after_a_stop_attitudes_are_of_new_ones(b
     assert [shown(0), shown(20_000), shown(40_000, Load())] == [1, 0, 1]
     pipeline.handle(events[10])
     assert shown(60_000) == 1
-    # whoever is silent is shown, now and then
+    # a silent vehicle is shown, now and then
     assert 3 <= sum(map(shown, range(80_000, 1_080_000, 20_000))) <= 4
 
 

@@ -218,7 +218,7 @@ def test_noise_has_moved_where_it_doubles_and_not_by_a_stronger_field(noise, fie
     assert has_moved(noise_of(readings()), noise_of(stronger)) == moved
 
 
-# They change nothing, or are logged by whoever keeps segments: a profile ends one. Nor does a
+# They change nothing, or are logged where segments are kept: a profile ends one. Nor does a
 # property change anything.
 NOT_LOGGED = {"attitude", "replace_profile"}
 # In place of ``update``, for arrays of samples, which nobody retunes on.
@@ -234,7 +234,7 @@ def test_every_change_from_outside_is_logged():
 
 
 def test_of_samples_without_a_call_between_them_nothing_is_kept():
-    """Whoever keeps a call for each keeps 800 bytes for each."""
+    """A call kept for each would take 800 bytes for each."""
     recorder = LoggedEstimator(load_profile("imu"))
     for k in range(100):
         if k == 50:

@@ -102,7 +102,7 @@ class _Problem:
         unit[33:] = max(each.strength_gauss for each in trajectories)
         self.prior, self.vary = PRIOR * unit, (VARY * unit) ** 2
         self._x = np.zeros(CONSTANTS)
-        # A common turn of all sensors is what the constants before say: rounding would move it.
+        # A common turn of all sensors is that of the constants before: rounding would move it.
         self._pins = COMMON_TURNS / self.prior[:, None] ** 2
         self._turn_variance = 1.0 / np.sum(COMMON_TURNS * self._pins, axis=0)
         # What each piece showed in the last step: A (36, 36) and b (36,) of its loss

@@ -50,7 +50,7 @@ HELD = np.array([1.0] * 3 + [1e-4] * 3 + [1e-6] * 3)
 class Trajectory:
     """The nodes of a recording, its constants ``x`` (36,) and its own numbers.
 
-    ``has_rates`` says whether a velocity is, ``is_heard`` whether the compass counts.
+    ``has_rates`` is whether a velocity is known, ``is_heard`` whether the compass counts.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -240,7 +240,7 @@ def _robust(r: Floats) -> Floats:
 def _learnt(r: Floats, step_s: float) -> tuple[float, float]:
     """The size of residuals in a row (N, 3), and the variance of one that would stand alone.
 
-    That is as many times larger as residuals in a row say the same: 1 + 2 sum of autocorrelations.
+    It is larger by 1 + 2 times the sum of autocorrelations.
     """
     size = max(1.4826 * float(np.median(np.abs(r))), 1e-6)  # sigma of normal variables
     r = np.clip(r / size, -3.0, 3.0)

@@ -26,7 +26,7 @@ ANCILLARY_BYTES = 64
 
 
 class Udp(Transport):
-    """Listens on a port and answers whoever has sent something, or sends to one address first.
+    """Listens on a port and answers all who have sent something, or sends to one address first.
 
     Then only what that host sends back is taken.
     """

@@ -161,7 +161,7 @@ def test_stamps_of_pauses_and_sessions_are_used_and_garbled_ones_are_not(
 
 
 @pytest.mark.parametrize("name", ["sub_bad_data.tlog", "copter_reboot.tlog"])
-def test_unreadable_frames_are_counted_whoever_wants_them(name):
+def test_unreadable_frames_are_counted_for_every_reader(name):
     """The autopilot sent a message once a second whose layout has changed since."""
     assert malformed(Tlog(DATA / name)) > 40
 

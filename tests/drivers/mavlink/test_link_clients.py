@@ -30,7 +30,7 @@ def ours(events):
 
 @pytest.mark.parametrize("noise", [b"", b"\0"], ids=["silent", "babbling"])
 def test_idle_clients_give_way_to_a_vehicle_and_it_does_not_to_them(noise, caplog):
-    """Those go first, whoever is the latest; that is logged once a minute at most."""
+    """Idle clients go first, in any order of arrival; that is logged once a minute at most."""
     with tcp_link() as (link, connect):
         idle = [connect() for _ in range(MOST_TCP_CLIENTS)]
         for client in idle:

@@ -249,7 +249,7 @@ def test_a_new_file_each_hour_and_when_the_clock_was_set(tmp_path):
     assert len(list(tmp_path.iterdir())) == 3
 
 
-def test_a_name_is_taken_by_whoever_makes_it_first(tmp_path):
+def test_a_name_belongs_to_the_first_who_makes_it(tmp_path):
     """Also by a link that leads nowhere, which only looks as if nothing were there."""
     (tmp_path / "20260921T141320Z.tlog").symlink_to(tmp_path / "elsewhere.tlog")
     for number in (2, 3):

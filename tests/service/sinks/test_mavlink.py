@@ -131,7 +131,7 @@ def test_at_most_fifty_a_second_and_a_heartbeat_each_second(receiver, opened, ra
     assert kinds.count("ATTITUDE_QUATERNION") == pytest.approx(2 * expected, abs=1)
 
 
-def test_whoever_connects_later_is_served_and_a_broken_link_is_reported_once():
+def test_a_later_client_is_served_and_a_broken_link_is_reported_once():
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         sink = MavlinkSink(parse_endpoint(f"tcp:127.0.0.1:{port}"))

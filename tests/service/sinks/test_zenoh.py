@@ -89,7 +89,7 @@ def test_closing_withdraws_the_vehicle(endpoint):
 
 
 @pytest.mark.parametrize("first", [0, 1, 2])
-def test_three_default_sessions_find_each_other_whoever_listens(endpoint, first):
+def test_three_default_sessions_find_each_other_with_any_one_listening(endpoint, first):
     """Peers do not relay: the two that came later must reach each other directly."""
     order = [(first + n) % 3 for n in range(3)]
     sessions = {number: open_session(endpoint) for number in order}
