@@ -28,16 +28,24 @@ from estimator.compilation.compiled import (
 from estimator.live.core import Core, in_arrays, initial_core
 from estimator.live.published import NOTHING_PUBLISHED, Published, published_by, write
 from estimator.live.refusal import fault_of, is_gap, mean_interval
-from estimator.live.rows import NO_OUTPUT, NO_REPORT_ROWS, NO_ROWS, REPORT_SIZE, Rows, reading_of
+from estimator.live.rows import (
+    NO_OUTPUT,
+    NO_REPORT_ROWS,
+    NO_ROWS,
+    REPORT_SIZE,
+    Rows,
+    is_due,
+    reading_of,
+)
 from estimator.live.settings import Settings, settings_of
-from estimator.live.situation import AIDED, Situation
+from estimator.live.situation import AIDED, RAW, Situation
 from estimator.live.step import (
     GAP,
+    SHOWN_LATE,
     TAKEN,
     search_by,
     step,
     take_report_row,
-    take_report_rows,
 )
 from estimator.live.turning import Axes, contradicted_axes, has_rates, take_between
 from estimator.profile import load_profile
@@ -166,7 +174,11 @@ def advance(
     while end == TAKEN and k < max(1, behind):
         if behind > 0:
             time_us, gyr, acc, mag, has_mag = reading_of(rows, k)
-            next_report, end = take_report_rows(handle, report_rows, next_report, k)
+            while end == TAKEN and is_due(report_rows, next_report, k):
+                # raw vectors use no reports
+                if now.source != RAW and take_report_row(handle, report_rows[next_report]):
+                    end = SHOWN_LATE
+                next_report += 1
         if end == TAKEN:
             end = fault_of(gyr, acc, mag, time_us > handle.time_us)
         if end != TAKEN:

@@ -148,6 +148,12 @@ def reports_between(report_rows: Floats, begin: int, end: int) -> Floats:
     return part
 
 
+@inlined
+def is_due(report_rows: Floats, next_report: int, k: int) -> bool:
+    """Whether there is a next report, and it comes before the sample of row ``k``."""
+    return next_report < len(report_rows) and report_rows[next_report, ROW] <= k
+
+
 # Reports come about as often as IMU samples do; of more than this the oldest go.
 MOST_WAITING = 8
 

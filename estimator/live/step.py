@@ -22,7 +22,6 @@ from estimator.live.refusal import FINE
 from estimator.live.rows import (
     IS_RATE,
     MOST_WAITING,
-    ROW,
     TIME,
     X,
     Y,
@@ -150,18 +149,6 @@ def step_aided(handle: Any, report: Report, other: Report, unsensed_turn: float)
     if has_shown:
         handle.report = report
     return SHOWN if has_shown else TAKEN
-
-
-@inlined
-def take_report_rows(handle: Any, report_rows: Floats, next_report: int, k: int) -> tuple[int, int]:
-    """Take the reports from ``next_report`` on before row k; which is next, and what ends."""
-    while next_report < len(report_rows) and report_rows[next_report, ROW] <= k:
-        # raw vectors use no reports
-        has_shown = handle.now.source != RAW and take_report_row(handle, report_rows[next_report])
-        next_report += 1
-        if has_shown:
-            return next_report, SHOWN_LATE
-    return next_report, TAKEN
 
 
 @inlined
