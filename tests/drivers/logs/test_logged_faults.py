@@ -226,42 +226,6 @@ def test_a_clock_that_is_set_back_a_little_costs_nothing(back_s, keep, tmp_path)
         assert len(times_us) == len(samples)
 
 
-@pytest.mark.parametrize("late_rows", [1, 2, 12])
-def test_rows_that_come_late_are_not_taken_for_a_clock_that_was_set_back(late_rows, tmp_path):
-    """A link has held them back: they come at once, behind what is newer."""
-    samples = [sample for _, sample in flight()]
-    end, late_end = 500 + late_rows, 520 + late_rows
-    moved = [*samples[:500], *samples[end:late_end], *samples[500:end], *samples[late_end:]]
-
-    def arrival_us(k):
-        is_late, row = 520 <= k < late_end, k + late_rows if 500 <= k < 520 else k
-        return UNIX + round((520 if is_late else row) * S / RATE_HZ) + 100 * (k - 520) * is_late
-
-    resets, _, refused = read(tlog(moved, tmp_path, arrival_us))
-    assert (resets, refused) == ([], {"out_of_order": late_rows})
-
-
-@pytest.mark.parametrize("lost", [3, 6, 12])
-def test_late_copies_where_originals_are_lost_are_no_clock_that_was_set_back(lost, tmp_path):
-    """A vehicle by two ways, one of them 0.15 s behind; the other loses some in a row."""
-    samples = [sample for _, sample in flight()]
-    came = [(k / RATE_HZ, s) for k, s in enumerate(samples) if k < 300 or k % 50 >= lost]
-    came += [(k / RATE_HZ + 0.15, s) for k, s in enumerate(samples)]
-    came.sort(key=lambda each: each[0])
-    path = tlog([s for _, s in came], tmp_path, lambda k: UNIX + round(S * came[k][0]))
-    resets, times_us, _ = read(path)
-    assert not resets
-    assert len(times_us) >= len(came) - len(samples)
-
-
-def test_a_short_leap_where_messages_are_missing_is_a_gap(tmp_path):
-    samples = [sample for time_s, sample in flight() if not BEGIN_S <= time_s < BEGIN_S + 1.9]
-    path = tlog(samples, tmp_path, lost=(round(BEGIN_S * RATE_HZ), 190))
-    resets, times_us, _ = read(path)
-    assert not resets
-    assert max(gaps_s(times_us)) == pytest.approx(1.92)
-
-
 # of a row: what it becomes, and the word that it, or a part of it, is counted under
 DAMAGES = [
     (lambda s: s, None),
