@@ -4,8 +4,6 @@ import random
 
 import pytest
 
-from drivers.events import VehicleId
-from drivers.mavlink.encoder import FrameEncoder
 from service.records import State
 from tests.service.flight_rig import ONE, SETTLE_S, Rig, S, spiked, states
 
@@ -157,16 +155,6 @@ def test_of_two_vehicles_with_one_system_id_the_second_is_refused_and_reported(t
     rig.fly(10.0, deliver=deliver)
     assert rig.rejected["address_conflict"] > 400
     assert sum("same address" in text for text in rig.messages) == 1
-    assert rig.vehicle.estimator.snapshot == quiet.vehicle.estimator.snapshot
-
-
-def test_components_of_one_system_on_one_wire_are_vehicles_of_their_own(two):
-    rig, other, other_frame = two
-    other.encoder = FrameEncoder(VehicleId(1, 2))
-    quiet = Rig().fly(10.0)
-    rig.fly(10.0, deliver=lambda frame: [frame, other_frame()])
-    assert rig.rejected == {}
-    assert [vehicle.name for vehicle in rig.pipeline.vehicles] == ["1", "1-2"]
     assert rig.vehicle.estimator.snapshot == quiet.vehicle.estimator.snapshot
 
 

@@ -37,10 +37,9 @@ def read(path):
     return of(ClockReset, events), imu_times(events), reasons(events)
 
 
-def shifted(by_s, keep=1):
-    """Each sample of the flight, or one of ``keep``, with its clock changed by so many seconds."""
-    flown = [*flight()][::keep]
-    return [s._replace(time_us=s.time_us + round(S * by_s(time_s))) for time_s, s in flown]
+def shifted(by_s):
+    """Each sample of the flight, with its clock changed by so many seconds."""
+    return [s._replace(time_us=s.time_us + round(S * by_s(time_s))) for time_s, s in flight()]
 
 
 ZERO, SENTINEL = (0.0, 0.0, 0.0), (3e34, 3e34, 3e34)
@@ -209,57 +208,6 @@ def test_a_short_leap_beside_steady_arrivals_costs_nothing(step_s, kind, tmp_pat
 def received_ns(k):
     """When a recorder gets the rows of a flight: up to 1 ms late."""
     return round(1e9 * (1.7e9 + k / RATE_HZ)) + 1_000_000 * (k % 7) // 7
-
-
-@pytest.mark.parametrize("keep", [1, 12])  # of the samples: 50 and 4 Hz
-@pytest.mark.parametrize("back_s", [0.05, 0.1, 0.3, 0.6, 0.95])
-def test_a_clock_that_is_set_back_a_little_costs_nothing(back_s, keep, tmp_path):
-    """By two samples and more: less may as well be a late one."""
-    samples = shifted(lambda time_s: 100 - back_s * (time_s >= BEGIN_S), keep)
-    period_s = keep / RATE_HZ
-    path = tlog(samples, tmp_path, lambda k: UNIX + round(k * S * period_s))
-    resets, times_us, _ = read(path)
-    assert len(resets) == (back_s >= 2.0 * period_s)
-    if resets:
-        assert (resets[0].reason, resets[0].goes_on) == ("jump", True)
-        assert {*gaps_s(times_us)} == {period_s}
-        assert len(times_us) == len(samples)
-
-
-@pytest.mark.parametrize("late_rows", [1, 2, 12])
-def test_rows_that_come_late_are_not_taken_for_a_clock_that_was_set_back(late_rows, tmp_path):
-    """A link has held them back: they come at once, behind what is newer."""
-    samples = [sample for _, sample in flight()]
-    end, late_end = 500 + late_rows, 520 + late_rows
-    moved = [*samples[:500], *samples[end:late_end], *samples[500:end], *samples[late_end:]]
-
-    def arrival_us(k):
-        is_late, row = 520 <= k < late_end, k + late_rows if 500 <= k < 520 else k
-        return UNIX + round((520 if is_late else row) * S / RATE_HZ) + 100 * (k - 520) * is_late
-
-    resets, _, refused = read(tlog(moved, tmp_path, arrival_us))
-    assert (resets, refused) == ([], {"out_of_order": late_rows})
-
-
-@pytest.mark.parametrize("lost", [3, 6, 12])
-def test_late_copies_where_originals_are_lost_are_no_clock_that_was_set_back(lost, tmp_path):
-    """A vehicle by two ways, one of them 0.15 s behind; the other loses some in a row."""
-    samples = [sample for _, sample in flight()]
-    came = [(k / RATE_HZ, s) for k, s in enumerate(samples) if k < 300 or k % 50 >= lost]
-    came += [(k / RATE_HZ + 0.15, s) for k, s in enumerate(samples)]
-    came.sort(key=lambda each: each[0])
-    path = tlog([s for _, s in came], tmp_path, lambda k: UNIX + round(S * came[k][0]))
-    resets, times_us, _ = read(path)
-    assert not resets
-    assert len(times_us) >= len(came) - len(samples)
-
-
-def test_a_short_leap_where_messages_are_missing_is_a_gap(tmp_path):
-    samples = [sample for time_s, sample in flight() if not BEGIN_S <= time_s < BEGIN_S + 1.9]
-    path = tlog(samples, tmp_path, lost=(round(BEGIN_S * RATE_HZ), 190))
-    resets, times_us, _ = read(path)
-    assert not resets
-    assert max(gaps_s(times_us)) == pytest.approx(1.92)
 
 
 # of a row: what it becomes, and the word that it, or a part of it, is counted under

@@ -109,16 +109,6 @@ def test_sums_over_an_interval_become_rates(tmp_path):
     assert samples[2].acc_m_s2 == pytest.approx((2.5, 0.0, -9.8), rel=1e-5)
 
 
-def test_the_field_of_the_same_instant_comes_before_its_sample(tmp_path):
-    log = UlogWriter().sensors()
-    for k in range(5):
-        now_us = 1_000_000 + 20_000 * k
-        log.sample(now_us, (0.001 * k, 0, 0), (0, 0, -9.8)).mag(now_us, (0.2, 0.001 * k, 0.4))
-    samples = [event.sample for event in of(given.Imu, list(Ulog(log.save(tmp_path))))]
-    fields = [sample.mag_gauss[1] for sample in samples]
-    assert fields == pytest.approx([0.0, 0.001, 0.002, 0.003, 0.004])
-
-
 def noisy_log(rows):
     log, rng = UlogWriter().sensors(), random.Random(2)
     for k in range(rows):

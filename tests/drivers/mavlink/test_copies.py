@@ -114,17 +114,6 @@ def test_a_vehicle_that_starts_again_and_repeats_itself_is_no_copy(after_s, peer
     assert len(only(Imu, events)) > len(first) + len(again) - 50
 
 
-@pytest.mark.parametrize("after_s", [0.5, 0.9])
-@pytest.mark.parametrize("seed", [1, 2], ids=["as before", "with other readings"])
-def test_a_vehicle_that_starts_again_at_once_is_a_reboot_without_a_loss(after_s, seed):
-    first = [(at_us, "a", data) for at_us, data in flight(after_s, boot_us=S // 4)]
-    pause_us = round(after_s * S)
-    again = [(at_us + pause_us, "a", data) for at_us, data in flight(9.0, S // 4, seed)]
-    events = Wire().play(first + again)
-    assert [e.reason for e in only(ClockReset, events)] == ["reboot"]
-    assert len(only(Imu, events)) == len(first) + len(again)
-
-
 @pytest.mark.parametrize("peers", ["ab", "aa"], ids=["two senders", "one wire"])
 @pytest.mark.parametrize("boot_us", [S, BOOT_US])
 @pytest.mark.parametrize("late_s", [0.08, 0.2, 0.6])

@@ -170,12 +170,6 @@ def test_which_fields_are_fresh(messages, is_fresh):
     assert [event.sample.has_mag for event in events] == is_fresh
 
 
-@pytest.mark.parametrize("mag", [(0, 0, 0), (math.nan, 0.0, 0.0)])
-def test_a_zero_or_broken_field_is_absent(mag):
-    (event,) = decode_all([highres(mag=mag)])
-    assert (event.sample.has_mag, event.sample.mag_gauss) == (False, ZERO_VEC3)
-
-
 @pytest.mark.parametrize("factor", [1.0, 1e3, 1e6])
 def test_highres_fields_come_in_gauss_whatever_the_firmware_thinks(factor):
     """From half the Earth's weakest field to eight times its strongest, hard iron included."""

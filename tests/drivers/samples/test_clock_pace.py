@@ -81,14 +81,6 @@ def test_a_late_link_or_a_host_s_clock_that_is_set_costs_no_sample(arrival_s, ra
     assert all(isinstance(p, Placed) and p.reset is None for _, p in placed)
 
 
-@pytest.mark.parametrize("seconds", [8.0, 20.0, 60.0])
-def test_a_silence_of_the_link_is_no_slow_clock(seconds):
-    clock = VehicleClock()
-    before = fed(4.0, 30.0, clock=clock)
-    after = fed(4.0, 30.0, lambda s: s + 30.0 + seconds, lambda s: s + 30.0 + seconds, clock)
-    assert all(isinstance(p, Placed) and p.reset is None for _, p in before + after)
-
-
 @pytest.mark.parametrize(("pace", "lost_s"), [(1e-3, -20.0), (10.0, 180.0)])
 def test_a_clock_that_keeps_time_again_begins_anew(pace, lost_s):
     """What passed meanwhile nobody knows: it is a jump, by the time that was lost or invented."""

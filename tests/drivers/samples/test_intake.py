@@ -272,17 +272,6 @@ def test_an_attitude_that_waits_is_the_last_samples_at_the_end_or_if_the_host_is
     assert intake.end() == []
 
 
-def test_a_simulators_attitude_right_behind_its_imu_message_does_not_wait():
-    intake = Intake(VEHICLE)
-    for k in range(1, 4):
-        imu(intake, k * S // 4)
-        (event,) = intake.unstamped("SIM_STATE", UNIX + k * S // 4 + 500, "sim", IDENTITY)
-        assert event.time_us == k * S // 4
-    assert intake.unstamped("SIM_STATE", UNIX + 3 * S // 4 + 90_000, "sim", IDENTITY) == []
-    # that one's own IMU message was lost, and it is a second of the third
-    assert not only(given.ReferenceAttitude, imu(intake, S))
-
-
 def test_a_field_repeated_after_the_clock_went_back_is_new():
     field = RepeatedField()
     times_us = (1_000_000, 1_239_999, 1_240_000, 1_100_000)

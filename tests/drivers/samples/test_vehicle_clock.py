@@ -172,24 +172,6 @@ def test_whatever_comes_time_only_grows(samples):
             last_us = placed.time_us
 
 
-@given(st.lists(st.integers(0, 3 * S), min_size=3, max_size=80))
-def test_a_line_never_invents_time(raws):
-    """Within one boot the unwrapped clock is the raw clock."""
-    clock = VehicleClock()
-    for k, raw_us in enumerate(raws):
-        placed = imu(clock, raw_us, UNIX + 10_000 * k)
-        assert isinstance(placed, Reason) or placed.boot_us == raw_us
-
-
-def test_a_small_step_goes_on_though_another_line_would_fit_too():
-    """A late message, when somebody else's clock is a second behind: it is not taken for theirs."""
-    clock = VehicleClock()
-    steady(clock, 10 * S, 5)
-    assert imu(clock, 9_900_000, UNIX + 1_000_000) == "clock_step"
-    steady(clock, 11_250_000, 16, arrival_us=UNIX + 1_250_000)
-    assert isinstance(imu(clock, 15_250_000, UNIX + 5_900_000), Placed)
-
-
 @pytest.mark.parametrize("step_us", [1_900_000, -1_900_000, 700_000])
 def test_a_leap_and_back_of_which_two_messages_of_a_moment_speak(step_us):
     """An IMU message and an attitude with one stamp: each costs a few of them, and no more."""
