@@ -242,9 +242,6 @@ def test_one_flight_may_be_worse_if_the_others_are_better_by_more():
     assert harm(before, [better, worse._replace(heading=Figure(4.0, 1.0, 0.5))]) is not None
 
 
-# --- a flight's smoothed attitude as what it is tuned by
-
-
 def test_truths_lie_around_a_reference_as_its_sigmas_say():
     rng = np.random.default_rng(5)
     q = rng.normal(size=(200, 4))
@@ -295,8 +292,6 @@ def test_what_is_not_sure_is_no_reference():
 def test_another_reference_than_the_best_is_taken_where_it_is_wanted(wanted):
     assert read_flight(SLOW, imu(), wanted).reference == wanted
 
-
-# --- vectors foretold by the gyroscope alone
 
 N = 1000
 FLOWN = simulate(5, N, 100.0, noise=0.0, bias=0.0)
