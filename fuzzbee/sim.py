@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from drivers.endpoint import Endpoint, Kind, endpoint_help, parse_endpoint
+from drivers.endpoint import FORMS, Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
 from fuzzbee import options as opt
 from fuzzbee.notify import notify
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from drivers.simulation.fleet import Fleet
 
 LINK_KINDS: tuple[Kind, ...] = ("udpout", "udpin", "tcp", "tcpin")
+LINK_NAMES = frozenset(name for form in FORMS if form.kind in LINK_KINDS for name in form.names)
 EXAMPLE = "--to udpout:127.0.0.1:14550"
 MOTIONS = ("paper", "rest", "turn", "flight", "bench")
 _MOTION = (
@@ -143,8 +144,8 @@ def _imu_errors(seed: int) -> dict[str, Any]:
 def _link(text: str | None) -> Endpoint:
     if text is None:
         raise InputError(f"a link to send on is needed, as in {EXAMPLE}")
-    endpoint = parse_endpoint(text)
-    if endpoint.kind not in LINK_KINDS:
+    name, colon, _ = text.partition(":")
+    if not colon or name.strip().lower() not in LINK_NAMES:
         kinds = ", ".join(LINK_KINDS)
         raise InputError(f"--to {text}: the vehicle speaks over {kinds}, as in {EXAMPLE}")
-    return endpoint
+    return parse_endpoint(text)
