@@ -116,7 +116,7 @@ def _report_compass(
     if not len(mag):
         raise InputError(f"{path}: no magnetometer")
     if field is None:
-        raise InputError(f"{path}: no position; give it by --place LAT,LON")
+        raise InputError(f"{path}: no position; --place LAT,LON gives it")
     turn = compass_turn(mag[there], rotate_inverse(q[there], in_ned(field)))
     mag = mag if turn is None else mag @ turn.T
     down = np.concatenate([rotate_inverse(q[rows], DOWN) for rows in blocks(len(q))])
