@@ -8,7 +8,6 @@ import numpy as np
 from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.search import UNKNOWN_RAD
-from estimator.arrays import Floats
 from estimator.filter.types import gain_in_words
 from estimator.geometry.earth import update_position
 from estimator.live.aiding_span import with_imu_lag
@@ -36,6 +35,7 @@ from estimator.reasons import Reason
 from estimator.types import (
     ZERO_VEC3,
     Attitude,
+    Floats,
     ImuSample,
     Quaternion,
     RateSample,

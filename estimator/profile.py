@@ -21,13 +21,12 @@ import numpy as np
 from msgspec import Meta, Struct
 
 from estimator.aiding.types import AidingParams
-from estimator.arrays import Floats
 from estimator.bounds import require_within
 from estimator.calibration import Calibration, Mounting
 from estimator.conditioning.params import ConditioningParams
 from estimator.errors import InputError, file_text
 from estimator.filter import memberships
-from estimator.types import ImuSample, Vec3
+from estimator.types import Floats, ImuSample, Vec3
 
 SHIPPED = ("paper", "imu", "adaptive")
 # The parser's time and memory grow with the square of a key's parts

@@ -12,12 +12,20 @@ Conventions, stated once:
 * ``time_us`` is the vehicle's own clock in microseconds, unwrapped, with
   reboots and jumps cut out: it only ever grows.
 
-The values are ``NamedTuple``s of floats and tuples of floats: constant,
+Except for arrays the values are ``NamedTuple``s of floats and tuples of floats: constant,
 comparable, and readable by field name in a compiled kernel.
 """
 
 from enum import Enum, auto
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]  # the shape is given where an array is used
+Bools = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+Times = Ints  # us
 
 Vec2 = tuple[float, float]
 Vec3 = tuple[float, float, float]

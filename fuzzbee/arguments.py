@@ -10,11 +10,10 @@ from numpy import ndarray  # `vector` runs three times a sample; np.ndarray cost
 from numpy.typing import ArrayLike
 
 from estimator.aiding.sources.source import SPEED_LIMIT_M_S
-from estimator.arrays import Floats, Times
 from estimator.errors import InputError
 from estimator.live.rows import HAS_VERTICAL, REPORT_SIZE, ROW, SIGMA_M_S, TIME, X, Z
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile, load_profile
-from estimator.types import Vec3
+from estimator.types import Floats, Times, Vec3
 
 MICROSECONDS = 1e6
 MOST_S = 9e12  # 285 000 years: microseconds fit into 64 bits up to here

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from drivers.samples.imu_stream import MAG_LIMIT_GAUSS, RepeatedField, is_field
 from estimator import estimator
-from estimator.arrays import Floats
 from estimator.compilation.kernel_folder import notify_programs
 from estimator.errors import InputError
 from estimator.live.core import Snapshot
@@ -27,7 +26,7 @@ from estimator.live.rows import (
 )
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3, VelocitySample
+from estimator.types import ZERO_VEC3, Attitude, Floats, ImuSample, Vec3, VelocitySample
 from fuzzbee import arguments
 from fuzzbee.arguments import MICROSECONDS, MOST_S, array, microseconds, number, vector
 from fuzzbee.attitudes import Attitudes, attitudes_of_rows

@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.arrays import Floats, Times
 from estimator.errors import InputError
 from estimator.geometry.frames import Q_ENU_NED, Q_FRD_FLU, euler_rad
 from estimator.geometry.rotations import multiply, unit
 from estimator.live.rows import BIAS, NORTH, NORTHS, RATE, Q
-from estimator.types import Attitude
+from estimator.types import Attitude, Floats, Times
 
 PLACE = {north: place for place, north in enumerate(NORTHS)}
 ADDED = ("time_s", "heading_reference", "warnings")

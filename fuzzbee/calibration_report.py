@@ -19,13 +19,12 @@ from drivers.mavlink import ardupilot
 from drivers.mavlink.ardupilot import AXES, COMPASS, MOTORS
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
 from drivers.samples.imu_stream import RepeatedField
-from estimator.arrays import Bools, Floats
 from estimator.calibration import UNCHANGED, Calibration, Mounting
 from estimator.errors import InputError
 from estimator.geometry.earth import PlaceField, in_ned
 from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import Profile
-from estimator.types import DOWN
+from estimator.types import DOWN, Bools, Floats
 from fuzzbee.attitudes import PLACE
 from fuzzbee.replays.trace import VELOCITIES, How, VehicleTrace, replay_log
 from tuning.calibration.fit import fit_sensors

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 from skfuzzy import control, trimf
 
-from estimator.arrays import Floats
 from estimator.filter.fuzzy import RULES, fuzzy_gain
 from estimator.filter.memberships import TERMS, Five, Memberships, fuzzy_sets
+from estimator.types import Floats
 from fuzzbee.replays.figure import draw_sets, require_plot, written_figure
 
 FULL = 100.0  # of k_op

@@ -11,8 +11,8 @@ from math import pi
 
 import numpy as np
 
-from estimator.arrays import Floats, Times
 from estimator.live.rows import Rows
+from estimator.types import Floats, Times
 from tuning.turning import (
     MOST,
     SIZED,

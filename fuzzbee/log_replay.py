@@ -5,8 +5,8 @@ from os import PathLike
 
 import numpy as np
 
-from estimator.arrays import Floats
 from estimator.profile import Profile
+from estimator.types import Floats
 from fuzzbee.arguments import file, number, profile_of
 from fuzzbee.attitudes import Attitudes, attitudes_of, euler_curves_deg
 from fuzzbee.options import time_window

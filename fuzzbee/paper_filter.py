@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.filter import kernel, reference
 from estimator.filter.alignment import quaternion_from_matrix
 from estimator.filter.types import FilterState
 from estimator.live.settings import settings_of
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
+from estimator.types import Floats
 from fuzzbee.arguments import array, number, profile_of, rotation, vector
 
 if TYPE_CHECKING:

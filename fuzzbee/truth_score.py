@@ -8,9 +8,8 @@ import numpy as np
 from drivers.events import ReferenceAttitude
 from drivers.simulation.flight import ALOFT_S, EIGHTS_S, MAGNET_S, ROUND_S, SET_DOWN_S, SILENCE_S
 from drivers.simulation.simulated_vehicle import PROFILES
-from estimator.arrays import Floats
 from estimator.geometry.metrics import angle_errors
-from estimator.types import Attitude, Quaternion
+from estimator.types import Attitude, Floats, Quaternion
 from service.pipeline import Pipeline
 from service.records import Message, Output
 

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.simulation.simulated_vehicle import Recording, simulate
-from estimator.arrays import Floats
-from estimator.types import ImuSample
+from estimator.types import Floats, ImuSample
 
 
 class NoiseScale(NamedTuple):

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, scale
 from estimator.live.core import with_attitude
@@ -22,7 +21,7 @@ from estimator.live.rows import (
 )
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.types import ImuSample, Quaternion, RateSample, VelocitySample
+from estimator.types import Floats, ImuSample, Quaternion, RateSample, VelocitySample
 
 # A wrong start: 170 deg about NED (1,1,1)/sqrt 3, next to the unstable equilibrium, as the paper
 # begins (e = 0.992).

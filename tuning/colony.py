@@ -10,7 +10,7 @@ numbers are drawn before, so that they do not depend on who computes the costs.
 
 import numpy as np
 
-from estimator.arrays import Floats, Ints
+from estimator.types import Floats, Ints
 from tuning.search import Search
 from tuning.space import make_feasible, random_positions
 

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
-from estimator.arrays import Bools, Floats, Ints
 from estimator.geometry.earth import PlaceField
+from estimator.types import Bools, Floats, Ints
 
 BLOCKS, MOST_SAMPLES = 10, 1000  # stretches of time, which are left out in turn
 MODEL_GAUSS = 1.5e-3  # sigma of the model beside a place: its report has 138 nT, 0.2 deg of dip

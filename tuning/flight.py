@@ -11,14 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Bools, Floats
 from estimator.calibration import PLAIN, Calibration
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.live.rows import NO_REPORT_ROWS, SIGMA, Q, Rows, cut
 from estimator.profile import Profile
 from estimator.smoothing import Recorder, smooth_all
-from estimator.types import Quaternion
+from estimator.types import Bools, Floats, Quaternion
 from tuning.calls import NOTHING_WRONG, Calls, Course, course_of
 from tuning.space import sensor_axes
 

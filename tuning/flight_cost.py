@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from estimator.arrays import Floats
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.rotations import exp as exp_turns
 from estimator.geometry.rotations import multiply
 from estimator.live.rows import cut
 from estimator.profile import Profile
+from estimator.types import Floats
 from tuning.flight import Flight, fly
 from tuning.prediction import heading_errors, predicted_vectors
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Floats
 from estimator.errors import InputError
+from estimator.types import Floats
 from tuning.colony import Colony
 from tuning.search import Search, SearchEnd
 from tuning.space import bounds, random_positions

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.simulation.simulated_vehicle import simulate
-from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, inlined, types_of
 from estimator.filter import kernel
 from estimator.filter.fuzzy import centroid, fire, fuzzify
@@ -35,7 +34,7 @@ from estimator.geometry.quaternion import (
     subtract,
 )
 from estimator.geometry.rotations import unit
-from estimator.types import Quaternion, Vec3
+from estimator.types import Floats, Quaternion, Vec3
 
 DT_S = 1.0 / COST_RATE_HZ
 SLOW_RAD_S = 2.0 * SERIES_HALF_ANGLE_RAD / DT_S

@@ -5,15 +5,15 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.simulation.simulated_vehicle import Recording, simulate
-from estimator.arrays import Floats, writable
 from estimator.errors import InputError
 from estimator.filter import kernel
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState
-from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, paper_cost
+from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, paper_cost, writable
 from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
+from estimator.types import Floats
 
 SETTLED_ERROR = 0.01
 

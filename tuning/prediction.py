@@ -9,11 +9,11 @@ from math import atan2
 
 import numpy as np
 
-from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, types_of
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, scale, subtract, unit
 from estimator.geometry.rotations import wrap
 from estimator.live.rows import NO_ROWS, Rows, reading_of
+from estimator.types import Floats
 
 AHEAD_S = 0.5
 # A prediction over a longer silence shows of the silence.

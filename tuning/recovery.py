@@ -11,12 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.geometry.metrics import STEADY, TRANSIENT, TRANSIENT_WEIGHT, batch_angle_errors
 from estimator.geometry.quaternion import multiply
 from estimator.profile import Profile
-from estimator.types import Quaternion
+from estimator.types import Floats, Quaternion
 from tuning.calls import WRONG_TURN
 from tuning.flight import Flight, fly
 

@@ -16,8 +16,8 @@ import msgspec
 import numpy as np
 
 from drivers.output_file import written_for
-from estimator.arrays import Floats
 from estimator.errors import InputError
+from estimator.types import Floats
 from tuning.space import Space, decode, make_feasible
 
 SCHEMA = 3  # of a checkpoint

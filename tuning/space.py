@@ -7,12 +7,12 @@ import msgspec
 import numpy as np
 import tomli_w
 
-from estimator.arrays import Floats
 from estimator.calibration import UNCHANGED, Mounting
 from estimator.errors import InputError
 from estimator.filter.memberships import CHAINS, LOWER, NAMES, UPPER
 from estimator.geometry.quaternion import rotate
 from estimator.profile import DEFAULTS, Profile, parse_profile, profile_to_json
+from estimator.types import Floats
 
 
 class Parameter(NamedTuple):

@@ -8,10 +8,10 @@ from typing import Any, ClassVar, NamedTuple
 import msgspec
 import numpy as np
 
-from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.filter import memberships
 from estimator.profile import Profile, Provenance, load_profile
+from estimator.types import Floats
 from tuning.flight import Flight
 from tuning.flight_cost import geometric_mean, measure
 from tuning.paper_cost import LANES, costs, paper_signals

@@ -10,11 +10,10 @@ from math import sqrt
 
 import numpy as np
 
-from estimator.arrays import Floats, Ints, Times
 from estimator.compilation.compiled import compiled, inlined, types_of
 from estimator.geometry.quaternion import add, cross, norm, scale, square
 from estimator.live.rows import NO_ROWS, Rows, reading_of
-from estimator.types import ZERO_VEC3, Vec3
+from estimator.types import ZERO_VEC3, Floats, Ints, Times, Vec3
 
 SPAN_S = 0.05  # of the means that are compared: noise is less, turns are still small
 SIZED = 500  # rows, from all of a recording, whose sizes are looked at

@@ -15,8 +15,7 @@ from drivers.events import VehicleId
 from drivers.logs.log_file import LogFile
 from drivers.mavlink import constants as mav
 from drivers.mavlink.messages import CENTI, IMU_MESSAGES, MILLI
-from estimator.arrays import Floats, Times
-from estimator.types import Vec3
+from estimator.types import Floats, Times, Vec3
 
 VECTORS = {imu.name: imu.vectors for imu in IMU_MESSAGES.values()}
 # Numbers of compasses: of telemetry by message, of DataFlash before 2021 by name, then by field I

@@ -4,8 +4,8 @@ import numpy as np
 
 from drivers.events import ReferenceAttitude
 from drivers.logs.table import Table
-from estimator.arrays import Floats, Times
 from estimator.geometry.rotations import conjugate, exp, log, multiply
+from estimator.types import Floats, Times
 
 # Between two samples this many median periods apart the reference may have
 # done anything; half a second is tolerable for the slowest streams.

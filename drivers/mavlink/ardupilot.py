@@ -28,12 +28,11 @@ import numpy as np
 
 from drivers.events import VehicleId
 from drivers.mavlink import constants as mav
-from estimator.arrays import Floats
 from estimator.calibration import Calibration
 from estimator.geometry.frames import euler_rad, from_euler_rad
 from estimator.geometry.quaternion import multiply
 from estimator.geometry.rotations import rotate
-from estimator.types import Quaternion
+from estimator.types import Floats, Quaternion
 
 COMPASS = "COMPASS_"
 # What calibrating the first compass has found, in mGauss; all zero: nobody has calibrated it

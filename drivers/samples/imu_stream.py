@@ -9,11 +9,10 @@ import numpy as np
 from drivers.events import Event, Imu, Notice, Rejected, TrackLost, Value, VehicleId
 from drivers.samples.sensor_faults import Readings, SensorFaults
 from drivers.samples.vehicle_clock import REORDERED_US, Placed, TimeField
-from estimator.arrays import Bools, Floats, Times
 from estimator.compilation.compiled import compiled, inlined, types_of
 from estimator.live.refusal import ACC_LIMIT_M_S2, RATE_LIMIT_RAD_S
 from estimator.reasons import Reason
-from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, ImuSample, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Bools, Floats, ImuSample, Times, Vec3
 
 REPEAT_US = 240_000  # autopilots repeat a 10 Hz field; equal values in a 4 Hz stream are data
 # Of those that may be a clock's that was set back so many wait for it to be sure.

@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.samples.navigation import METRES_A_DEGREE
-from estimator.arrays import Floats
 from estimator.geometry.rotations import conjugate, from_matrices, log, multiply, rotate_inverse
-from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, Floats, Vec3
 
 ROUND_S = 100.0
 SET_DOWN_S = 2.0  # after that nobody touches it

@@ -25,10 +25,9 @@ import numpy as np
 import numpy.typing as npt
 
 from drivers.simulation import flight
-from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.geometry.rotations import exp, rotate_inverse, running_product
-from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, Quaternion, Vec3
+from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, Floats, Quaternion, Vec3
 
 Motion = Literal["paper", "rest", "turn", "flight", "bench"]
 MOTIONS: tuple[str, ...] = get_args(Motion)

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from estimator.arrays import Floats
 from estimator.filter.types import Vectors
 from estimator.geometry.quaternion import normalize, shortest_rotation
-from estimator.types import Quaternion
+from estimator.types import Floats, Quaternion
 
 
 def nearest_rotation(matrix: Floats) -> Floats:

@@ -8,7 +8,6 @@ from math import expm1, sqrt
 
 import numpy as np
 
-from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, inlined, types_of
 from estimator.filter.fuzzy import operating_gain
 from estimator.filter.noise_gain import (
@@ -39,7 +38,7 @@ from estimator.geometry.quaternion import (
     scale,
     subtract,
 )
-from estimator.types import ZERO_VEC3, Quaternion, Sample, Vec3
+from estimator.types import ZERO_VEC3, Floats, Quaternion, Sample, Vec3
 
 
 @inlined

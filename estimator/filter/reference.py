@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from estimator.arrays import Floats
 from estimator.filter.kernel import adaptive_gain, bias_gain
 from estimator.filter.noise_gain import NoiseState, noise_gain, observe_floor, observe_noise
 from estimator.filter.types import (
@@ -32,7 +31,7 @@ from estimator.filter.types import (
     Vectors,
 )
 from estimator.geometry import quaternion
-from estimator.types import Quaternion, Vec3
+from estimator.types import Floats, Quaternion, Vec3
 
 
 def rotation_matrix(q: Quaternion) -> Floats:

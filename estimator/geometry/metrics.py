@@ -10,10 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Floats, writable
 from estimator.compilation.compiled import compiled, inlined, types_of
 from estimator.geometry.quaternion import conjugate, multiply
-from estimator.types import Quaternion
+from estimator.types import Floats, Quaternion
 
 # The paper's cost, Eq. (15) "Cost_function": 0.3 sum_{0<=t<=1} e + sum_{4<=t<=14} e; steps of
 # 0.01 s, both ends included.
@@ -54,9 +53,13 @@ def angle_errors(q_estimate: Quaternion, q_reference: Quaternion) -> AngleErrors
 
 def batch_angle_errors(estimate: Floats, reference: Floats) -> Floats:
     """:func:`angle_errors` for (N, 4) quaternions: (N, 3) rad."""
-    # copied where they are constant, so that there is one form of the kernel
     errors: Floats = _errors_of(writable(estimate), writable(reference))
     return errors
+
+
+def writable(values: Floats) -> Floats:
+    """The array, copied where it is constant or not contiguous: kernels have one form for it."""
+    return np.require(values, requirements=("C", "W"))
 
 
 @compiled(types=lambda: types_of(np.zeros((1, 4)), np.zeros((1, 4))))

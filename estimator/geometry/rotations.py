@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from estimator.arrays import Floats
-from estimator.types import Vec3
+from estimator.types import Floats, Vec3
 
 
 def multiply(p: Floats, q: Floats) -> Floats:

@@ -17,7 +17,6 @@ from numba.experimental import structref
 from estimator.aiding.inertial import correct_last, prediction_at
 from estimator.aiding.sources.source import Source
 from estimator.aiding.types import NO_REPORT, SIZE, Report
-from estimator.arrays import Floats
 from estimator.compilation.compiled import (
     Function,
     compiled,
@@ -49,7 +48,7 @@ from estimator.live.step import (
 )
 from estimator.live.turning import Axes, contradicted_axes, has_rates, take_between
 from estimator.profile import load_profile
-from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Sample
+from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Floats, Sample
 
 FIELDS = ("params", "now", "report", "rows", "published", "report_rows", *Core._fields)
 # Outside of a run of rows.

@@ -9,10 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.aiding.types import NO_REPORT, Report
-from estimator.arrays import Bools, Floats, Times
 from estimator.compilation.compiled import inlined
 from estimator.errors import InputError
-from estimator.types import ZERO_VEC3, RateSample, Vec3, VelocitySample
+from estimator.types import ZERO_VEC3, Bools, Floats, RateSample, Times, Vec3, VelocitySample
 
 # Columns of a row that shows an attitude: q_ned_frd, rate, bias, e, its rate, K, the confidences
 # of gravity and field, the sigmas of inclination and heading, the place in ``NORTHS`` of what the

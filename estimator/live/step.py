@@ -9,7 +9,6 @@ from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.step import aid, take_late_report
 from estimator.aiding.types import NO_REPORT, Report, StepInputs
 from estimator.aiding.velocity_history import OLDEST_S
-from estimator.arrays import Floats
 from estimator.compilation.compiled import inlined, shared
 from estimator.conditioning.condition import condition
 from estimator.conditioning.events.axis_signs import current_errors
@@ -32,7 +31,7 @@ from estimator.live.rows import (
 )
 from estimator.live.situation import AIDED, PROVEN, RAW
 from estimator.live.turning import keep_rate
-from estimator.types import Sample, Vec3
+from estimator.types import Floats, Sample, Vec3
 
 # Why steps end: no more samples, a refused one (:mod:`estimator.live.refusal`), or bits that show
 # what the last one leaves to decide.

@@ -7,7 +7,6 @@ the way forward has learnt. Its bias is taken off, too.
 
 import numpy as np
 
-from estimator.arrays import Floats, Times
 from estimator.estimator import Estimator
 from estimator.geometry.rotations import exp, multiply
 from estimator.live.rows import (
@@ -30,6 +29,7 @@ from estimator.profile import merge_profile
 from estimator.smoothing.field import usable_fields, without_lag
 from estimator.smoothing.path import stands_for_step
 from estimator.smoothing.recording import Estimates, Recording
+from estimator.types import Floats, Times
 
 # The least age that a profile allows (s): none.
 NO_AGE_S = 1e-4

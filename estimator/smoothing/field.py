@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from estimator.arrays import Bools, Floats
 from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import MOST_DISTORTION
 from estimator.conditioning.params import CONFIRM_S
@@ -11,6 +10,7 @@ from estimator.live.rows import blocks
 from estimator.smoothing.path import late_s
 from estimator.smoothing.recording import Recording, estimates_of
 from estimator.smoothing.windows import running_mean
+from estimator.types import Bools, Floats
 
 
 def corrected_fields(recording: Recording) -> tuple[Floats, float]:

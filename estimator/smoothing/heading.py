@@ -12,7 +12,6 @@ from math import atan2
 import numpy as np
 from scipy.linalg import solveh_banded
 
-from estimator.arrays import Bools, Floats
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import (
     DIP_SCALE_RAD,
@@ -32,7 +31,7 @@ from estimator.smoothing.path import Path
 from estimator.smoothing.recording import Recording
 from estimator.smoothing.vertical import Vertical
 from estimator.smoothing.windows import Windows, filled, running_mean
-from estimator.types import DOWN
+from estimator.types import DOWN, Bools, Floats
 
 # Rounds of least squares with the weights of the one before.
 ROUNDS = 8

@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Bools, Floats
 from estimator.conditioning.rate import LEAST_PEAK_RAD_S, MOST_ERROR, SLOW_SAMPLE_S
 from estimator.geometry.rotations import chained, cross, exp
 from estimator.smoothing.recording import Recording, steps_s
+from estimator.types import Bools, Floats
 
 
 class Path(NamedTuple):

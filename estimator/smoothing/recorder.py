@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Bools, Floats
 from estimator.estimator import Estimator
 from estimator.live.published import write
 from estimator.live.rows import (
@@ -18,7 +17,7 @@ from estimator.live.rows import (
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.smoothing.recording import Recording
-from estimator.types import RateSample, Vec3, VelocitySample
+from estimator.types import Bools, Floats, RateSample, Vec3, VelocitySample
 
 # Columns of a sample that it keeps itself: rate, specific force, field, whether there is one.
 READING_SIZE = 10

@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Bools, Floats, Ints
 from estimator.conditioning.params import MEMORY_S
 from estimator.estimator import Estimator
 from estimator.geometry.rotations import conjugate, exp, log, multiply
 from estimator.live.rows import AIDED, BIAS, NO_REPORT_ROWS, SIGMA, Q, Rows, blocks, cut
+from estimator.types import Bools, Floats, Ints
 
 
 class Estimates(NamedTuple):

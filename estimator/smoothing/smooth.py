@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from estimator.aiding.search import UNKNOWN_RAD
-from estimator.arrays import Bools, Floats, Times
 from estimator.conditioning.field.magnetic import has_heading
 from estimator.conditioning.params import LONG_S, QUICK_S
 from estimator.conditioning.rate import FAST_STEP_S
@@ -26,6 +25,7 @@ from estimator.smoothing.recording import (
 )
 from estimator.smoothing.vertical import level
 from estimator.smoothing.windows import windows_of
+from estimator.types import Bools, Floats, Times
 
 # Fewer samples show nothing beyond the estimator's own output.
 LEAST_SAMPLES = 50

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Floats
 from estimator.conditioning.params import LATELY_S
 from estimator.conditioning.sigma import MEASURED_SQUARE
 from estimator.conditioning.vertical.averaging import (
@@ -23,7 +22,7 @@ from estimator.estimator import Estimator
 from estimator.geometry.rotations import multiply, rotate, unit
 from estimator.smoothing.path import Path
 from estimator.smoothing.windows import Windows, filled, low_passed, running_mean
-from estimator.types import STANDARD_GRAVITY_M_S2
+from estimator.types import STANDARD_GRAVITY_M_S2, Floats
 
 
 class Vertical(NamedTuple):

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from estimator.arrays import Bools, Floats
 from estimator.conditioning.vertical.averaging import WINDOW_S
+from estimator.types import Bools, Floats
 
 # A low-pass begins and ends with what lies within so many of its time constants, mirrored.
 MIRRORED_TAUS = 4.0

@@ -24,9 +24,8 @@ from numpy.typing import NDArray
 
 from drivers.logs.table import blocks
 from drivers.output_file import written_for
-from estimator.arrays import Floats, Times
 from estimator.live.rows import NORTHS
-from estimator.types import Attitude, ImuSample
+from estimator.types import Attitude, Floats, ImuSample, Times
 from fuzzbee.attitudes import enu_flu, euler_curves_deg
 from fuzzbee.replays.trace import VehicleTrace
 from service.publishing import attitude_record

@@ -17,11 +17,10 @@ import numpy as np
 
 from drivers.logs.other_sensors import vibrations
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
-from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.types import Vec3
+from estimator.types import Floats, Vec3
 from fuzzbee.notify import printable
 from fuzzbee.replays.report import DifferenceSummary
 from fuzzbee.replays.score import by_name, differences_of, verdicts

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from drivers.logs.table import blocks
-from estimator.arrays import Bools, Floats, Ints
+from estimator.types import Bools, Floats, Ints
 
 # At rest the gyroscope and the accelerometer stay this near their medians over the window.
 REST_GYR_RAD_S = np.radians(2.0)

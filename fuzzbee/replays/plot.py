@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from drivers.mavlink.constants import mode_name
-from estimator.arrays import Bools, Floats
 from estimator.conditioning.rate import LEAST_PEAK_RAD_S
+from estimator.types import Bools, Floats
 from fuzzbee.attitudes import euler_curves_deg
 from fuzzbee.replays.figure import BLACK, COLORS, DARK, add_legend, add_text, written_figure
 from fuzzbee.replays.report import REFERENCES

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 from drivers.logs.reference_track import attitudes_at
 from drivers.logs.table import blocks
 from drivers.mavlink.constants import enum_name
-from estimator.arrays import Bools, Floats, Times
 from estimator.errors import InputError
 from estimator.filter.alignment import nearest_rotation
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.rotations import cross, rotate_inverse
 from estimator.live.rows import NORTHS
 from estimator.profile import Profile
-from estimator.types import DOWN
+from estimator.types import DOWN, Bools, Floats, Times
 from fuzzbee.attitudes import PLACE
 from fuzzbee.notify import printable
 from fuzzbee.replays import report

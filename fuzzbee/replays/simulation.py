@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from estimator.arrays import Floats
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, batch_angle_errors
 from estimator.profile import Profile
+from estimator.types import Floats
 from fuzzbee.options import SIMULATION
 from fuzzbee.replays.exports import ERRORS, Columns, vectors, write_columns
 from fuzzbee.replays.figure import BLACK, DARK, add_legend, written_figure

@@ -15,13 +15,12 @@ from drivers.logs.open import open_log
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.logs.table import Table
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
-from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, scale
 from estimator.live.rows import BIAS, RATE, SIGMA, Q
 from estimator.profile import Profile
-from estimator.types import Attitude, ImuSample, Vec3
+from estimator.types import Attitude, Floats, ImuSample, Vec3
 from fuzzbee.attitudes import PLACE
 from service.pipeline import Pipeline
 from service.publishing import is_finite

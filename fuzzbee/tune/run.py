@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from drivers.output_file import written_for
-from estimator.arrays import Floats
 from estimator.profile import Profile, profile_to_toml
+from estimator.types import Floats
 from fuzzbee.notify import print_line
 from fuzzbee.tune.plan import Plan
 from fuzzbee.tune.report import draw, has_gained, in_words, remarks, report_of

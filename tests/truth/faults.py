@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from pygeomag import GeoMag
 
-from estimator.arrays import Floats
 from estimator.geometry.rotations import rotate_inverse
+from estimator.types import Floats
 from tests.truth.motions import DURATION_S, FINE_HZ, TIME_S, Motion
 
 YEAR = 2025.8

@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Floats
 from estimator.geometry.rotations import (
     conjugate,
     exp,
@@ -16,6 +15,7 @@ from estimator.geometry.rotations import (
     running_product,
 )
 from estimator.types import STANDARD_GRAVITY_M_S2 as G
+from estimator.types import Floats
 
 FINE_HZ = 200
 DURATION_S = 80.0

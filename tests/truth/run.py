@@ -8,11 +8,10 @@ import numpy as np
 
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
-from estimator.arrays import Floats
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.rotations import exp, multiply
 from estimator.profile import load_profile
-from estimator.types import STANDARD_GRAVITY_M_S2
+from estimator.types import STANDARD_GRAVITY_M_S2, Floats
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Published, StatusRecord
 from tests.service.flight_rig import Wire

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from estimator.arrays import Floats, Ints
+from estimator.types import Floats, Ints
 from tuning.calibration.spans import CONSTANTS, cross_matrix
 
 KEYS = {

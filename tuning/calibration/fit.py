@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from estimator.arrays import Floats
 from estimator.calibration import Calibration
+from estimator.types import Floats
 from tuning.calibration.cross_validation import COMMON_TURNS, IN_FLIGHT, KEYS, PINNED, predicted
 from tuning.calibration.spans import ACC, CONSTANTS, GYR, MAG, PARTS, Recording, pieces
 from tuning.calibration.trajectory import SHOWN, Trajectory

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.arrays import Bools, Floats, Ints
+from estimator.types import Bools, Floats, Ints
 
 PIECE_S = 30.0  # of a recording, about: errors that turn with it are alike for no longer
 PARTS = 6  # at least

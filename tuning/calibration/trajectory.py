@@ -9,8 +9,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.spatial.transform import Rotation
 
-from estimator.arrays import Floats, Ints
-from estimator.types import STANDARD_GRAVITY_M_S2
+from estimator.types import STANDARD_GRAVITY_M_S2, Floats, Ints
 from tuning.calibration.spans import (
     CONSTANTS,
     GYR,

@@ -14,10 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Floats
 from estimator.profile import Profile, merge_profile, profile_to_json
 from estimator.reasons import Reason
-from estimator.types import ImuSample
+from estimator.types import Floats, ImuSample
 from tuning.calls import LoggedEstimator
 from tuning.online.segment import SEGMENT_S, Segment, cost_on, has_moved, joined, noise_of
 from tuning.optimizers import bees

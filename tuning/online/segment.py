@@ -11,7 +11,6 @@ from functools import cached_property
 import numpy as np
 
 from estimator.aiding.phase import Phase
-from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.quaternion import multiply
@@ -19,7 +18,7 @@ from estimator.geometry.rotations import exp, rotate
 from estimator.live.core import Snapshot, with_attitude
 from estimator.live.rows import Rows, rows_of
 from estimator.profile import Profile
-from estimator.types import ImuSample, Quaternion
+from estimator.types import Floats, ImuSample, Quaternion
 from tuning.calls import WRONG_TURN, Calls, Course, course_of, split_calls
 from tuning.prediction import heading_errors, predicted_vectors
 
