@@ -11,8 +11,7 @@ from math import hypot
 from estimator.aiding.inertial import GRAVITY_NED
 from estimator.aiding.types import AccelerationTilt
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.robust import MOST_DEVIATION
+from estimator.conditioning.params import MOST_DEVIATION, ConditioningParams
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3

@@ -34,8 +34,7 @@ from estimator.aiding.types import (
     Sigmas,
 )
 from estimator.aiding.velocity_history import new_velocity_history
-from estimator.conditioning.params import SPAN_S
-from estimator.conditioning.robust import FAR, REACH
+from estimator.conditioning.params import FAR, REACH, SPAN_S
 from estimator.geometry.quaternion import HALF_TURN_VARIANCE, add, rotate, subtract
 from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, Vec3
 

@@ -10,8 +10,7 @@ from math import dist
 from typing import NamedTuple
 
 from estimator.conditioning.field.magnetic import NORM_SCALE, horizontal_down
-from estimator.conditioning.params import FORGET_S, LONG_S, MEMORY_S
-from estimator.conditioning.robust import MOST_DEVIATION
+from estimator.conditioning.params import FORGET_S, LONG_S, MEMORY_S, MOST_DEVIATION
 from estimator.geometry.earth import PlaceField, in_ned
 from estimator.types import EVER_US, NEVER_US
 

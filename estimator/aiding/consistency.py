@@ -30,9 +30,8 @@ from estimator.aiding.types import (
 )
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import NORM_SCALE
-from estimator.conditioning.params import ACCELERATION_LASTS_S, LONG_S, SPAN_S
+from estimator.conditioning.params import ACCELERATION_LASTS_S, LONG_S, REACH, SPAN_S
 from estimator.conditioning.rate import slow_share
-from estimator.conditioning.robust import REACH
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from estimator.aiding.types import Report
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.robust import REACH
+from estimator.conditioning.params import REACH
 from estimator.geometry.quaternion import cross, dot, scale, subtract, unit
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec2, Vec3
 

@@ -14,8 +14,7 @@ from estimator.aiding.correction_cusum import MOST_SQUARE
 from estimator.aiding.inertial import Prediction, apply_corrections
 from estimator.aiding.types import ACC_BIAS, GYR_BIAS, NO_WRONG_FORCE, SIZE, TURN, WrongForce
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.params import ACCELERATION_LASTS_S, LONG_S, SPAN_S
-from estimator.conditioning.robust import FAR, REACH
+from estimator.conditioning.params import ACCELERATION_LASTS_S, FAR, LONG_S, REACH, SPAN_S
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import (

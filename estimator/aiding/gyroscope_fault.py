@@ -14,8 +14,7 @@ from estimator.aiding.inertial import Prediction
 from estimator.aiding.types import GYR_BIAS, SIZE, TURN, AidingParams, AidingState, GyroscopeFault
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.params import LATELY_S, SPAN_S
-from estimator.conditioning.robust import FAR
+from estimator.conditioning.params import FAR, LATELY_S, SPAN_S
 from estimator.geometry.quaternion import add, cross, dot, norm, rotate, scale
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 

@@ -37,9 +37,8 @@ from estimator.aiding.velocity_history import ACCELERATION, TIME, extend_velocit
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import NORM_SCALE
-from estimator.conditioning.params import FORGET_S, USUAL_S
+from estimator.conditioning.params import FAR, FORGET_S, REACH, USUAL_S
 from estimator.conditioning.rate import integration_rate
-from estimator.conditioning.robust import FAR, REACH
 from estimator.geometry.quaternion import (
     add,
     dot,

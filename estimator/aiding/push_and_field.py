@@ -12,7 +12,7 @@ import numpy as np
 from estimator.aiding.search import Push, Solution, information
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import NORM_SCALE
-from estimator.conditioning.robust import HEADING_REACH_RAD, REACH
+from estimator.conditioning.params import HEADING_REACH_RAD, REACH
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import angle_between_vectors, cross, norm, rotate, unit
 from estimator.types import Quaternion, Vec3

@@ -18,8 +18,7 @@ from estimator.aiding.beginning import BEGIN_VELOCITY_SIGMA_M_S
 from estimator.aiding.course import STANDING, Rolled, fade_rolled, roll_on
 from estimator.aiding.types import Array, Report
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
-from estimator.conditioning.robust import HEADING_REACH_RAD
+from estimator.conditioning.params import ACCELERATION_LASTS_S, HEADING_REACH_RAD, MEMORY_S, SPAN_S
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import add, cross, dot, rotate, rotate_inverse, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3

@@ -18,9 +18,14 @@ from estimator.aiding.types import (
 )
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.field.magnetic import NORM_SCALE, deviation, horizontal_down, norm_of
-from estimator.conditioning.params import SPAN_S
-from estimator.conditioning.robust import REACH, robust_factor
+from estimator.conditioning.field.magnetic import (
+    NORM_SCALE,
+    deviation,
+    horizontal_down,
+    norm_of,
+    robust_factor,
+)
+from estimator.conditioning.params import REACH, SPAN_S
 from estimator.geometry.metrics import PLANE_68
 from estimator.geometry.quaternion import norm
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3

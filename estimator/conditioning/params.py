@@ -1,4 +1,4 @@
-"""What is chosen about the conditioning stage, and the times that the estimate shares.
+"""What is chosen about the conditioning stage, and times and limits that the estimate shares.
 
 Angles are in rad, rates in rad/s, accelerations in m/s^2, times in s.
 """
@@ -41,6 +41,20 @@ LONG_S = 100.0
 # What has been learnt is forgotten in so long, s: a vehicle's own field, that its compass misled.
 # The strength of a place's field may change by ``NORM_SCALE`` meanwhile.
 FORGET_S = 600.0
+
+# The deviations that count, likewise.
+
+# A residual within so many sigmas of what is expected is none too far.
+REACH = 3.0
+# A squared residual this many times its variance (4 sigma) is no noise: chance reaches it once in
+# an hour of independent seconds.
+FAR = 16.0
+# A residual of the heading that counts a quarter, rad. Small: a wrong heading never returns, large:
+# magnets draw it. The aiding does not begin with a less certain heading, by velocity or by field.
+HEADING_REACH_RAD = radians(25.0)
+# A vector that is off its mean by this share of its size has been turned, not measured badly; one
+# that differs by less from what an attitude predicts is explained by it.
+MOST_DEVIATION = 0.6
 
 
 class ConditioningParams(NamedTuple):

@@ -8,8 +8,8 @@ from estimator.aiding.types import AidingState, North
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.condition import Conditioned
 from estimator.conditioning.field.magnetic import NORM_SCALE
+from estimator.conditioning.params import REACH
 from estimator.conditioning.rate import corrected_rate, slow_share
-from estimator.conditioning.robust import REACH
 from estimator.filter.kernel import correct, turn_on
 from estimator.filter.observation import ReferenceParams, weighted_vectors
 from estimator.filter.types import FilterState, Vectors

@@ -13,9 +13,8 @@ from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import IMU_LAG, NO_REPORT, Report, Sigmas
 from estimator.conditioning.field.magnetic import NORM_SCALE
-from estimator.conditioning.params import LONG_S
+from estimator.conditioning.params import LONG_S, REACH
 from estimator.conditioning.rate import slow_share
-from estimator.conditioning.robust import REACH
 from estimator.geometry.quaternion import (
     angle_between_vectors,
     conjugate,

@@ -32,9 +32,8 @@ from estimator.aiding.types import COMPASS_TURN, HARD_IRON, SIZE, Report, Sigmas
 from estimator.aiding.uncertainty import with_dip_error
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import FieldLook, horizontal_down
-from estimator.conditioning.params import CONFIRM_S, MEMORY_S, SPAN_S
+from estimator.conditioning.params import CONFIRM_S, MEMORY_S, REACH, SPAN_S
 from estimator.conditioning.rate import slow_share
-from estimator.conditioning.robust import REACH
 from estimator.geometry.quaternion import angle_between_vectors, multiply, norm, rotate
 from estimator.live.aiding_span import set_out
 from estimator.live.core import Core

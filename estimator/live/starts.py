@@ -13,9 +13,8 @@ from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import Report, Sigmas
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import NORM_SCALE, horizontal_down
-from estimator.conditioning.params import LATELY_S, LONGEST_STEP_S, SPAN_S
+from estimator.conditioning.params import HEADING_REACH_RAD, LATELY_S, LONGEST_STEP_S, REACH, SPAN_S
 from estimator.conditioning.rate import slow_share
-from estimator.conditioning.robust import HEADING_REACH_RAD, REACH
 from estimator.conditioning.state import ConditioningState
 from estimator.filter.alignment import align, quaternion_from_matrix
 from estimator.geometry.earth import in_ned

@@ -20,8 +20,7 @@ from estimator.conditioning.field.magnetic import (
     norm_of,
     steepness,
 )
-from estimator.conditioning.params import USUAL_S, ConditioningParams
-from estimator.conditioning.robust import HEADING_REACH_RAD
+from estimator.conditioning.params import HEADING_REACH_RAD, USUAL_S, ConditioningParams
 from estimator.conditioning.vertical.averaging import WINDOW_S
 from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD

@@ -28,9 +28,9 @@ from estimator.conditioning.field.magnetic import (
     FieldLook,
     horizontal_down,
     look_at_field,
+    residual_factor,
 )
-from estimator.conditioning.params import CONFIRM_S, FIELD_S, LONG_S
-from estimator.conditioning.robust import REACH, residual_factor
+from estimator.conditioning.params import CONFIRM_S, FIELD_S, LONG_S, REACH
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract

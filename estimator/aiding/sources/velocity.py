@@ -26,8 +26,15 @@ from estimator.aiding.types import (
 )
 from estimator.aiding.velocity_history import look_back
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.params import CONFIRM_S, LONG_S, LONGEST_STEP_S, SPAN_S, USUAL_S
-from estimator.conditioning.robust import FAR, REACH
+from estimator.conditioning.params import (
+    CONFIRM_S,
+    FAR,
+    LONG_S,
+    LONGEST_STEP_S,
+    REACH,
+    SPAN_S,
+    USUAL_S,
+)
 from estimator.geometry.quaternion import rotate, scale, subtract
 from estimator.types import Vec3
 

@@ -10,8 +10,7 @@ from estimator.aiding.sources.velocity import SCALE_REPORTS
 from estimator.aiding.types import EARTH, SIZE, TURN, VELOCITY, AidingParams, Array, North, Wheels
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S
-from estimator.conditioning.robust import FAR, REACH
+from estimator.conditioning.params import ACCELERATION_LASTS_S, FAR, MEMORY_S, REACH
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import cross, dot, norm, rotate_inverse
 

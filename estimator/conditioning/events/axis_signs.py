@@ -15,8 +15,7 @@ from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.magnetic import NORM_SCALE
-from estimator.conditioning.params import LATELY_S, LONG_S, QUICK_S, SPAN_S
-from estimator.conditioning.robust import FAR, REACH
+from estimator.conditioning.params import FAR, LATELY_S, LONG_S, QUICK_S, REACH, SPAN_S
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.step import VerticalStep

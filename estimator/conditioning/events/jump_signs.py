@@ -7,8 +7,7 @@ from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import MOST_DISTORTION
-from estimator.conditioning.params import LATELY_S, LONG_S, QUICK_S, ConditioningParams
-from estimator.conditioning.robust import FAR
+from estimator.conditioning.params import FAR, LATELY_S, LONG_S, QUICK_S, ConditioningParams
 from estimator.conditioning.vertical.lowpass import approach, largest_between
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.quaternion import angle_between_vectors, norm, square

@@ -38,8 +38,7 @@ from estimator.conditioning.field.magnetic import (
 )
 from estimator.conditioning.field.step import FieldStep, MagnetometerState
 from estimator.conditioning.gather import Gathered
-from estimator.conditioning.params import LONGEST_STEP_S, SPAN_S, ConditioningParams
-from estimator.conditioning.robust import REACH
+from estimator.conditioning.params import LONGEST_STEP_S, REACH, SPAN_S, ConditioningParams
 from estimator.conditioning.vertical.bias import Estimate, clip, inflate_heading
 from estimator.conditioning.vertical.lowpass import Smooth
 from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR

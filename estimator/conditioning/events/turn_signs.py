@@ -10,18 +10,18 @@ from typing import NamedTuple
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.jump_signs import MOST_USUAL
-from estimator.conditioning.field.magnetic import MagneticState
+from estimator.conditioning.field.magnetic import MagneticState, robust_factor
 from estimator.conditioning.params import (
     CONFIRM_S,
     LATELY_S,
     LONG_S,
     LONGEST_STEP_S,
+    MOST_DEVIATION,
     QUICK_S,
     SPAN_S,
     USUAL_S,
     ConditioningParams,
 )
-from estimator.conditioning.robust import MOST_DEVIATION, robust_factor
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD, Estimate
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lowpass import largest_lead

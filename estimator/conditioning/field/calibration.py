@@ -3,13 +3,15 @@
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.field.magnetic import robust_factor
 from estimator.conditioning.params import (
     ACCELERATION_LASTS_S,
     FORGET_S,
     LONGEST_STEP_S,
+    MOST_DEVIATION,
+    REACH,
     ConditioningParams,
 )
-from estimator.conditioning.robust import MOST_DEVIATION, REACH, robust_factor
 from estimator.conditioning.vertical.bias import Covariance, update
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.axes import FrameAxes, to_frame

@@ -1,4 +1,4 @@
-"""The confidence in the field: its norm and dip against a reference.
+"""The confidence in the field: its norm and dip against a reference, and weights that are robust.
 
 The field may be in any unit: only its direction and its relative changes are used.
 """
@@ -8,8 +8,13 @@ from typing import NamedTuple
 
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.params import FIELD_S, USUAL_S, ConditioningParams
-from estimator.conditioning.robust import robust_factor
+from estimator.conditioning.params import (
+    FIELD_S,
+    HEADING_REACH_RAD,
+    REACH,
+    USUAL_S,
+    ConditioningParams,
+)
 from estimator.types import Vec2, Vec3
 
 # Relative deviation of the norm that counts as one, more than calibrations leave. A field whose
@@ -21,6 +26,26 @@ DIP_SCALE_RAD = NORM_SCALE
 MOST_DISTORTION = 0.2
 # A field that neither the expected nor the other one resembles by this much is a third one.
 LEAST_ALIKE = 0.3
+
+
+@inlined
+def robust_factor(square: float) -> float:
+    """Factor (1 + x^2)^2 of the noise's variance for a deviation x, from the square of x.
+
+    The inverse is the weight of a robust estimator whose loss saturates (Geman and McClure 1987):
+    deviations that are far off do not count.
+    """
+    return (1.0 + square) ** 2
+
+
+@inlined
+def residual_factor(residual: float, variance: float) -> float:
+    """Factor of the noise of a heading's residual: 4 at :data:`HEADING_REACH_RAD`.
+
+    A larger ``variance`` (rad^2) of the heading moves that point out: its error explains the
+    residual.
+    """
+    return robust_factor(residual * residual / (HEADING_REACH_RAD**2 + REACH**2 * variance))
 
 
 class FieldLook(NamedTuple):

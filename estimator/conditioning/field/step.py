@@ -11,10 +11,10 @@ from estimator.conditioning.field.magnetic import (
     has_heading,
     observe_field,
     reference_norm,
+    residual_factor,
     steepness,
 )
 from estimator.conditioning.params import MEMORY_S, SPAN_S, ConditioningParams
-from estimator.conditioning.robust import residual_factor
 from estimator.conditioning.vertical.bias import Estimate, clip_each, update
 from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.step import VerticalStep

@@ -4,8 +4,7 @@ from math import radians
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.robust import FAR
+from estimator.conditioning.params import FAR, ConditioningParams
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, smooth
 from estimator.conditioning.vertical.stillness import RestState, Stillness
 from estimator.geometry.axes import FrameAxes

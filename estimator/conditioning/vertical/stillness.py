@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.gather import Gathered
-from estimator.conditioning.params import LATELY_S, QUICK_S, ConditioningParams
-from estimator.conditioning.robust import REACH
+from estimator.conditioning.params import LATELY_S, QUICK_S, REACH, ConditioningParams
 from estimator.conditioning.vertical.lowpass import LowPass, Smooth, approach, smooth
 from estimator.geometry.quaternion import (
     add,

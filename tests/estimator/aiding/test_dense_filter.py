@@ -12,8 +12,7 @@ from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.sources import field, unaided, velocity
 from estimator.aiding.velocity_history import ROWS, new_velocity_history
 from estimator.conditioning.field.magnetic import FieldLook
-from estimator.conditioning.params import LONGEST_STEP_S
-from estimator.conditioning.robust import HEADING_REACH_RAD
+from estimator.conditioning.params import HEADING_REACH_RAD, LONGEST_STEP_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import multiply, normalize

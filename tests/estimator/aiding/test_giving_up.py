@@ -8,7 +8,7 @@ import pytest
 from estimator.aiding import types
 from estimator.aiding.beginning import blank_aiding, inflate_covariance
 from estimator.aiding.phase import Phase
-from estimator.conditioning.robust import FAR
+from estimator.conditioning.params import FAR
 from estimator.geometry import quaternion as qn
 from estimator.geometry.metrics import angle_errors
 from estimator.live.aiding_span import give_up

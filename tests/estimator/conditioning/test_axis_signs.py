@@ -15,8 +15,7 @@ from estimator.conditioning.events.axis_signs import (
 )
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.gather import Gathered
-from estimator.conditioning.params import LONG_S, SPAN_S
-from estimator.conditioning.robust import FAR
+from estimator.conditioning.params import FAR, LONG_S, SPAN_S
 from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.gravity import Force, GravityState
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach

@@ -8,8 +8,7 @@ import pytest
 from estimator.conditioning.field import calibration
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.field.step import heading_noise, learn_heading
-from estimator.conditioning.params import ACCELERATION_LASTS_S, FORGET_S
-from estimator.conditioning.robust import HEADING_REACH_RAD
+from estimator.conditioning.params import ACCELERATION_LASTS_S, FORGET_S, HEADING_REACH_RAD
 from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical import bias as bias_filter
 from estimator.conditioning.vertical.lowpass import Smooth, coefficients
