@@ -19,9 +19,9 @@ from estimator.live.rows import (
     NO_REPORT_ROWS,
     NORTH,
     NORTHS,
-    ROW,
     Q,
     Rows,
+    is_due,
     report_of,
     require_writable,
     rows_of,
@@ -84,7 +84,7 @@ class Estimator(State):
             if taken > begin and not np.isfinite(published[taken - 1, Q]).all():
                 refused.append(self._begin_anew(published[taken - 1]))
             if taken < n:
-                while next_report < len(report_rows) and report_rows[next_report, ROW] <= taken:
+                while is_due(report_rows, next_report, taken):
                     refused.append(self.update_report(report_of(report_rows[next_report])))
                     next_report += 1
                 time_us, gyr, acc, mag, has_mag = (column[taken].tolist() for column in rows)

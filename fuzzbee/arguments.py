@@ -35,9 +35,9 @@ def number(name: str, given: Any, low: float = -inf, high: float = inf, of: str 
     return value
 
 
-def gain_of(name: str, given: Any) -> float | None:
-    """A fixed gain K, if one was given."""
-    return None if given is None else number(name, given, LEAST_GAIN, MOST_GAIN)
+def gain_of(name: str, given: Any) -> float:
+    """A gain K within the limits of the filter."""
+    return number(name, given, LEAST_GAIN, MOST_GAIN)
 
 
 def vector(name: str, given: ArrayLike) -> Vec3:

@@ -82,7 +82,7 @@ class Estimator:
         self.profile = arguments.profile_of(profile)
         self._is_plain = self.profile.has_plain_imu
         self._rate_hz = rate_hz
-        gain = arguments.gain_of("gain", gain)
+        gain = None if gain is None else arguments.gain_of("gain", gain)
         self._fixed: dict[str, Any] = {"gain": gain, "compass_calibrated": compass_calibrated}
         self.reset()
 

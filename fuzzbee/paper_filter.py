@@ -16,9 +16,9 @@ from estimator.filter import kernel, reference
 from estimator.filter.alignment import quaternion_from_matrix
 from estimator.filter.types import FilterState
 from estimator.live.settings import settings_of
-from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
+from estimator.profile import Profile
 from estimator.types import Floats
-from fuzzbee.arguments import array, number, profile_of, rotation, vector
+from fuzzbee.arguments import array, gain_of, number, profile_of, rotation, vector
 
 if TYPE_CHECKING:
     from skfuzzy.control import ControlSystem
@@ -69,7 +69,7 @@ class PaperFilter:
         if eigenvalues[0] < FLAT * eigenvalues[-1]:
             raise InputError("v_I: these vectors fix no attitude: they lie in a plane or on a line")
         by_rules = gain is None or callable(gain) or (isinstance(gain, str) and gain == "noise")
-        self._gain = gain if by_rules else _checked(gain)
+        self._gain = gain if by_rules else gain_of("gain", gain)
         start = () if R_hat is None else (quaternion_from_matrix(rotation("R_hat", R_hat)),)
         self._first = self._state = FilterState(*start)
 
@@ -128,7 +128,7 @@ class PaperFilter:
             e = reference.attitude_error(measured, estimated, self._s)
             d = reference.error_rate(self.params, state, e, dt)
             asked = self.fuzzy_gain if self._gain is None else self._gain
-            K = _checked(asked(e, d) if callable(asked) else asked)
+            K = gain_of("gain", asked(e, d) if callable(asked) else asked)
         largest = reference.largest_rate(measured, self._s)
         self._state = reference.moved(self.params, state, w, largest, e, d, K, dt)
         return self.R_hat
@@ -142,10 +142,6 @@ class PaperFilter:
         from fuzzbee.controller import control_system
 
         return control_system(self.params.memberships, points)
-
-
-def _checked(gain: object) -> float:
-    return number("gain", gain, LEAST_GAIN, MOST_GAIN)
 
 
 def _unit(vectors: Floats) -> Floats:

@@ -48,7 +48,8 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     """Open everything, loop until the end, close everything, and report; the exit status."""
     endpoint = parse_endpoint(options.source)
     require_openable(endpoint)
-    gain_of("--gain", options.gain)
+    if options.gain is not None:
+        gain_of("--gain", options.gain)
     # of the built-in vehicle the one that fits its motion
     fitting = PROFILES[endpoint.path or SIM_MOTION] if endpoint.kind == "sim" else DEFAULT_PROFILE
     profile_name = options.profile or fitting

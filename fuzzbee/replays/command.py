@@ -82,7 +82,8 @@ def replay(options: ReplayOptions) -> None:
     """Estimate over logs and score it against a reference."""
     from fuzzbee.arguments import gain_of
 
-    gain_of("--gain", options.gain)
+    if options.gain is not None:
+        gain_of("--gain", options.gain)
     if not 0.0 <= options.skip < inf:
         raise InputError(f"--skip {options.skip:g}: must be a number of seconds, 0 or more")
     if not abs(options.start_wrong) <= MOST_WRONG_DEG:

@@ -186,7 +186,7 @@ def _imu_summary(trace: VehicleTrace) -> report.ImuSummary:
 
 
 def error_summary(error_rad: Floats, counted: Bools, has_heading: Bools) -> report.ErrorSummary:
-    """The summary of errors (N, 3) that count (N,); of total and heading those that have one."""
+    """The summary of errors (N, 3) that count (N,); total and heading where there is a heading."""
     if not counted.any():
         return report.ErrorSummary()
     total, heading, inclination = error_rad.T

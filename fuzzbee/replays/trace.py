@@ -58,7 +58,7 @@ class How(NamedTuple):
 
     fixed_gain: float | None = None  # in place of the fuzzy one
     system_id: int | None = None  # the vehicle; without it the one with most IMU samples
-    start_wrong_deg: float = 0.0  # turns its estimate once, when a reference is known
+    start_wrong_deg: float = 0.0  # once, about WRONG_START_AXIS (NED), when a reference is known
     retune: bool = False  # a few numbers of the profile, on the way
     smooth: bool = False  # the attitudes are by the whole log
     columns: Path | None = None  # the file that describes those of a table

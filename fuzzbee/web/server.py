@@ -46,7 +46,7 @@ def parse_address(text: str) -> tuple[str, int]:
 
 
 class WebPage:
-    """Serves the page of a table model; a sink of the service, and beside watch's display."""
+    """The page of a table model; a sink of the service, and beside watch's display. Close it."""
 
     name = "web"
 

@@ -239,7 +239,7 @@ def _robust(r: Floats) -> Floats:
 def _learnt(r: Floats, step_s: float) -> tuple[float, float]:
     """The size of residuals in a row (N, 3), and the variance of one that would stand alone.
 
-    It is larger by 1 + 2 times the sum of autocorrelations.
+    The latter is the square of the size times 1 + 2 sum of autocorrelations.
     """
     size = max(1.4826 * float(np.median(np.abs(r))), 1e-6)  # sigma of normal variables
     r = np.clip(r / size, -3.0, 3.0)

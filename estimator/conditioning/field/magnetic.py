@@ -1,4 +1,4 @@
-"""The confidence in the field: its norm and dip against a reference, and weights that are robust.
+"""The confidence in the field, by its norm and dip against a reference, and robust weights.
 
 The field may be in any unit: only its direction and its relative changes are used.
 """
