@@ -50,13 +50,16 @@ def observe_rest(
     steady turn.
     """
     limit = params.bias_limit_rad_s
+    gyr_smooth = smooth(k, state.gyr, gyr)
+    g = gyr_smooth.value
     gyr_off = square(subtract(gyr, state.gyr.value)) / (limit * limit)
+    if params.in_vehicle:
+        changed = square(subtract(g, state.gyr.value)) * max(1.0, QUICK_S / dt_s) ** 2
+        gyr_off = max(gyr_off, changed / (3.0 * params.bias_motion_sigma_rad_s**2))
     acc_off = square(subtract(acc, state.acc.value)) / params.rest_acc_m_s2**2
     share = dt_s / (QUICK_S + dt_s)
     gyr_square = state.gyr_square + share * (min(gyr_off, REACH) - state.gyr_square)
     acc_square = state.acc_square + share * (min(acc_off, REACH) - state.acc_square)
-    gyr_smooth = smooth(k, state.gyr, gyr)
-    g = gyr_smooth.value
     slow = abs(g[0]) < limit and abs(g[1]) < limit and abs(g[2]) < limit
     quiet_s = min(state.quiet_s + dt_s, 1e6) if gyr_square < 1.0 and acc_square < 1.0 else 0.0
     steady = quiet_s >= params.rest_time_s
