@@ -34,8 +34,9 @@ from estimator.aiding.types import (
     Sigmas,
 )
 from estimator.aiding.velocity_history import new_velocity_history
+from estimator.bounds import TINY
 from estimator.conditioning.params import FAR, REACH, SPAN_S
-from estimator.geometry.quaternion import HALF_TURN_VARIANCE, add, rotate, subtract
+from estimator.geometry.quaternion import HALF_TURN_VARIANCE, add, norm, rotate, subtract
 from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, Vec3
 
 BEGIN_VELOCITY_SIGMA_M_S = 1.0
@@ -84,7 +85,10 @@ def begin(
     diagonal[FIELD_LAG] = first.field_lag_s**2
     diagonal[COMPASS_TURN] = first.compass_sigma_rad**2
     diagonal[HARD_IRON : HARD_IRON + 3] = iron**2
-    together = iron**2 * np.array(first.turned_by_iron_1_gauss)
+    by_iron_rad = iron * norm(first.turned_by_iron_1_gauss)
+    # iron explains no more of the heading's error than there is: it may be limited
+    correlation = min(1.0, first.heading_sigma_rad / max(by_iron_rad, TINY))
+    together = correlation * iron**2 * np.array(first.turned_by_iron_1_gauss)
     P[TURN + 2, HARD_IRON : HARD_IRON + 3] = P[HARD_IRON : HARD_IRON + 3, TURN + 2] = together
     state = AidingState(
         estimate=AidingEstimate(

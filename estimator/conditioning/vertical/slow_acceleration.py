@@ -12,12 +12,14 @@ one. Tilting and shaking both scatter the force's direction; shaking also scatte
 gravity as much as about either axis across it.
 """
 
+from math import sqrt
 from typing import NamedTuple
 
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import LATELY_S, LONG_S, USUAL_S
 from estimator.conditioning.vertical.lowpass import approach
+from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.quaternion import (
     ANY_DIRECTION_VARIANCE,
     angle_between_vectors,
@@ -43,10 +45,13 @@ class SlowAcceleration(NamedTuple):
     lag: float = 0.0  # variance of the long mean by the drift of G, now, rad^2
     drift: float = 0.0  # and its mean, rad^2
     excess: float = 0.0  # by which the force's square exceeds that of gravity, as a share of it
+    excess_variance: float = 0.0  # of that, by shaking
     long: Vec3 = ZERO_VEC3  # long mean of the force (minus it, in G), m/s^2
     along: float = 1.0  # mean force along the vertical over ``LATELY_S``, as a share of gravity
     size: float = 1.0  # of the last force, as a share of gravity
     seen_s: float = 0.0  # for how long the vehicle has been watched
+    gravity: float = 1.0  # as the sensor measures it at rest, as a share of the standard one
+    rested_s: float = 0.0  # what that is the mean of
 
 
 @inlined
@@ -60,9 +65,21 @@ def apart_rad(u: Vec3, v: Vec3) -> float:
 @inlined
 def slow_variance(state: SlowAcceleration) -> float:
     """Variance (rad^2, both axes together) of the force's direction by such accelerations."""
-    least = min(state.apart, state.excess - 2.0 * SCALE_ERROR)
+    # a rest leaves little of the sensor's error, twice of which is the square's; two sigmas of the
+    # mean are rarely chance
+    error = LEAST_DIRECTION_RAD if state.rested_s > 0.0 else SCALE_ERROR
+    least = min(state.apart, state.excess - 2.0 * (error + sqrt(state.excess_variance)))
     most = max(0.0, state.excess + 2.0 * SCALE_ERROR)
     return max(0.0, least, min(state.apart - state.drift, most))
+
+
+@inlined
+def watch_rest(state: SlowAcceleration, u: Vec3, dt_s: float) -> SlowAcceleration:
+    """A step at rest with the force ``u``: it shows gravity, and nothing of accelerations."""
+    rested_s = min(state.rested_s + dt_s, LATELY_S)
+    off = norm(u) / STANDARD_GRAVITY_M_S2 - state.gravity
+    gravity = state.gravity + dt_s / rested_s * off
+    return state._replace(seen_s=state.seen_s + dt_s, gravity=gravity, rested_s=rested_s)
 
 
 @inlined
@@ -86,7 +103,7 @@ def watch_slow(
     long = approach(state.long, u, long_share)
     lag = (1.0 - long_share) ** 2 * (state.lag + aliasing)
     off = apart_rad(quick, long) ** 2
-    size = norm(u) / STANDARD_GRAVITY_M_S2
+    size = norm(u) / (state.gravity * STANDARD_GRAVITY_M_S2)
     # half of the mean square of such changes is what shakes along the force; across it is the same
     shaken = 3.0 * 0.5 * (size - state.size) ** 2
     excess = size * size - 1.0 - shaken
@@ -96,11 +113,14 @@ def watch_slow(
     age_s = seen_s / max(carried, TINY)
     excess = state.excess + max(b, dt_s / age_s) * (excess - state.excess)
     unseen = max(0.0, 1.0 - age_s / USUAL_S)
-    return SlowAcceleration(
+    # of a mean over ``USUAL_S`` of squares that scatter by 4/3 of what shakes
+    variance = 2.0 / 3.0 * b * shaken
+    return state._replace(
         apart=max(state.apart + b * (off - state.apart), unseen * min(excess, MOST_APART_RAD**2)),
         lag=lag,
         drift=state.drift + b * (lag - state.drift),
         excess=excess,
+        excess_variance=state.excess_variance + b * (variance - state.excess_variance),
         long=long,
         along=state.along + dt_s / (LATELY_S + dt_s) * (along - state.along),
         size=size,

@@ -30,6 +30,7 @@ from estimator.conditioning.vertical.slow_acceleration import (
     add_lost_step,
     mean_tilt_variance,
     slow_variance,
+    watch_rest,
     watch_slow,
 )
 from estimator.conditioning.vertical.stillness import (
@@ -249,7 +250,7 @@ def follow_slow(
     if weighed == 0.0:
         return before.slow
     if before.rest.resting:
-        return before.slow._replace(seen_s=before.slow.seen_s + k.dt_s)
+        return watch_rest(before.slow, u, k.dt_s)
     f, down_g = now.force, before.gravity.force.down.value
     share = long_share(k, f.age_s)
     carried = weighed - slowness(params, k.dt_s)
