@@ -172,7 +172,8 @@ def look_for_rest(
     rest = observe_rest(params, k, before.rest, mean.gyr, mean.acc, mean.time_s)
     shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
     still = watch_stillness(params, before.still, rest, shown, mean)
-    return rest._replace(resting=(rest.resting and not still.contradicted) or still.proven), still
+    resting = (rest.resting and not still.contradicted) or still.proven
+    return rest._replace(resting=resting and rest.wander < 1.0), still
 
 
 @inlined

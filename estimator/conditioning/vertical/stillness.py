@@ -32,6 +32,7 @@ class RestState(NamedTuple):
     acc: Smooth = Smooth()  # m/s^2, FRD
     gyr_square: float = 0.0  # how far from it of late, 1 is the limit of quiet
     acc_square: float = 0.0  # the same
+    wander: float = 0.0  # how much the low-passed rate changes, 1 is the limit of a vehicle's rest
     quiet_s: float = 0.0  # for how long both have been near their low-pass
     steady: bool = False  # whether that is long enough for a rest, or for a steady turn
     resting: bool = False  # whether it is a rest
@@ -53,13 +54,13 @@ def observe_rest(
     gyr_smooth = smooth(k, state.gyr, gyr)
     g = gyr_smooth.value
     gyr_off = square(subtract(gyr, state.gyr.value)) / (limit * limit)
-    if params.in_vehicle:
-        changed = square(subtract(g, state.gyr.value)) * max(1.0, QUICK_S / dt_s) ** 2
-        gyr_off = max(gyr_off, changed / (3.0 * params.bias_motion_sigma_rad_s**2))
+    changed = square(subtract(g, state.gyr.value)) * max(1.0, QUICK_S / dt_s) ** 2
+    wander = changed / (3.0 * params.bias_motion_sigma_rad_s**2) if params.in_vehicle else 0.0
     acc_off = square(subtract(acc, state.acc.value)) / params.rest_acc_m_s2**2
     share = dt_s / (QUICK_S + dt_s)
     gyr_square = state.gyr_square + share * (min(gyr_off, REACH) - state.gyr_square)
     acc_square = state.acc_square + share * (min(acc_off, REACH) - state.acc_square)
+    wander = state.wander + share * (min(wander, REACH) - state.wander)
     slow = abs(g[0]) < limit and abs(g[1]) < limit and abs(g[2]) < limit
     quiet_s = min(state.quiet_s + dt_s, 1e6) if gyr_square < 1.0 and acc_square < 1.0 else 0.0
     steady = quiet_s >= params.rest_time_s
@@ -68,6 +69,7 @@ def observe_rest(
         acc=smooth(k, state.acc, acc),
         gyr_square=gyr_square,
         acc_square=acc_square,
+        wander=wander,
         quiet_s=quiet_s,
         steady=steady,
         resting=steady and slow,
