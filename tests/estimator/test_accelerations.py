@@ -1,12 +1,18 @@
 """Accelerations that last: what betrays them, what the vertical and its sigma make of them."""
 
-from math import cos, radians, sin, tan
+from math import cos, pi, radians, sin, tan
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.conditioning.vertical.slow_acceleration import SlowAcceleration, watch_slow
+from estimator.conditioning.vertical.slow_acceleration import (
+    SlowAcceleration,
+    slow_variance,
+    watch_rest,
+    watch_slow,
+)
+from estimator.geometry.metrics import rms
 from estimator.profile import load_profile, merge_profile
 from estimator.types import STANDARD_GRAVITY_M_S2
 from fuzzbee import Estimator
@@ -45,6 +51,20 @@ def test_a_long_step_is_one_reading_of_a_vehicles_first_seconds():
     state = watch_slow(state, braking, down, down, 0.03, 0.0, 1.0, 0.02)
     assert state.excess == pytest.approx(0.25, rel=0.02)
     assert state.apart >= 0.98 * 0.25 * (1.0 - 2.22 / 20.0)
+
+
+def test_a_rest_shows_which_force_is_gravity():
+    """The sensor reads 1 % too little, so that a fifth of gravity across seems to be a tenth."""
+    drifting = SlowAcceleration(apart=1.0, drift=1.0)
+    for begins, variance in (
+        (watch_rest(drifting, (0.0, 0.0, 0.99 * G), 0.25), 0.2**2 - 0.01),
+        (drifting, 0.0),
+    ):
+        state, down = begins, (0.0, 0.0, G)
+        for _ in range(1000):
+            force = (0.99 * 0.2 * G, 0.0, 0.99 * G)
+            state = watch_slow(state, force, (G, 0.0, G), down, 0.0, 1.0, 0.0, 0.25)
+        assert slow_variance(state) == pytest.approx(variance, abs=1e-3)
 
 
 def verdict(motion, rate_hz):
@@ -151,3 +171,37 @@ def test_a_vehicle_that_begins_in_a_bank_is_unsure_of_it(bank_deg):
     sigma = found.sigma_inclination_rad[known]
     assert error[0] > 0.8 * bank
     assert (error < 3.0 * sigma).all()
+
+
+def calm_flight(rate_hz):
+    """Readings and truth of a copter that rests for 20 s, then tilts slowly and holds its height.
+
+    Its thrust is along body up, so that gravity seems to stand still in the body.
+    """
+    rng = np.random.default_rng(1)
+    t = np.arange(150.0 * rate_hz + 1.0) / rate_hz
+    waves = zip(rng.uniform(5.0, 25.0, 12), rng.uniform(0.0, 2.0 * pi, 12), strict=True)
+    tilts = radians(4.0) * np.array([np.sin(2.0 * pi * t / each + phase) for each, phase in waves])
+    aloft = np.clip((t - 20.0) / 4.0, 0.0, 1.0)
+    angles = [0.3 * np.sin(t / 6.0), tilts[:6].sum(axis=0), tilts[6:].sum(axis=0)]
+    truth = Rotation.from_euler("ZYX", aloft[:, None] * np.stack(angles, axis=1))
+    gyr = rate_hz * (truth[:-1].inv() * truth[1:]).as_rotvec()
+    thrust = -STANDARD_GRAVITY_M_S2 / truth[1:].as_matrix()[:, 2, 2]
+    acc = thrust[:, None] * (0.0, 0.0, 1.0)
+    return (
+        gyr + rng.normal(0.0, 0.001, gyr.shape),
+        acc + rng.normal(0.0, 0.03, acc.shape),
+        truth[1:],
+    )
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 4.0])
+def test_a_calm_flight_is_no_rest(rate_hz):
+    gyr, acc, truth = calm_flight(rate_hz)
+    found = Estimator(IN_VEHICLE, rate_hz).update_batch(gyr, acc)
+    aloft = np.arange(len(gyr)) > 40.0 * rate_hz
+    down, seen = (each.inv().as_matrix()[:, :, 2] for each in (truth, found.to_rotation()))
+    error = np.arccos(np.minimum(np.sum(down * seen, axis=1), 1.0))[aloft]
+    assert np.degrees(rms(error)) < 2.0  # 15 with rests in flight; 9.8 if level were assumed
+    assert np.mean(error < found.sigma_inclination_rad[aloft]) > 0.8
+    assert np.degrees(np.abs(found.gyro_bias_rad_s).max()) < 0.3
