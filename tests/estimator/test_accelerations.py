@@ -55,12 +55,10 @@ def test_a_long_step_is_one_reading_of_a_vehicles_first_seconds():
 
 def test_a_rest_shows_which_force_is_gravity():
     """The sensor reads 1 % too little, so that a fifth of gravity across seems to be a tenth."""
-    drifting = SlowAcceleration(apart=1.0, drift=1.0)
-    for begins, variance in (
-        (watch_rest(drifting, (0.0, 0.0, 0.99 * G), 0.25), 0.2**2 - 0.01),
-        (drifting, 0.0),
-    ):
-        state, down = begins, (0.0, 0.0, G)
+    drifting, down = SlowAcceleration(apart=1.0, drift=1.0), (0.0, 0.0, G)
+    rested = watch_rest(drifting, (0.0, 0.0, 0.99 * G), 0.25)
+    for begun, variance in ((rested, 0.2**2 - 0.01), (drifting, 0.0)):
+        state = begun
         for _ in range(1000):
             force = (0.99 * 0.2 * G, 0.0, 0.99 * G)
             state = watch_slow(state, force, (G, 0.0, G), down, 0.0, 1.0, 0.0, 0.25)

@@ -82,14 +82,10 @@ def test_the_beginning_is_as_uncertain_as_given():
 
 def test_iron_explains_no_more_than_the_headings_error():
     """45 deg are the most of a heading's sigma; 0.3 gauss of iron would turn it by more."""
-    first = Start(IDENTITY, 0.8, 0.1, 0.1, turned_by_iron_1_gauss=(3.0, 4.0, 0.0))
-    _, P, _ = begin(
-        AidingParams(), first._replace(hard_iron_sigma_gauss=0.3), NO_SAMPLE, types.NO_REPORT
-    )
+    first = Start(IDENTITY, 0.8, 0.1, 0.1, (3.0, 4.0, 0.0), hard_iron_sigma_gauss=0.3)
+    _, P, _ = begin(AidingParams(), first, NO_SAMPLE, types.NO_REPORT)
     assert np.linalg.eigvalsh(P)[0] > -1e-12
-    assert P[TURN + 2, HARD_IRON : HARD_IRON + 3] == pytest.approx(
-        [0.3 * 0.8 * 0.6, 0.3 * 0.8 * 0.8, 0.0]
-    )
+    assert P[TURN + 2, HARD_IRON : HARD_IRON + 3] == pytest.approx([0.144, 0.192, 0.0])
 
 
 def test_another_imu_has_biases_that_are_not_known():

@@ -6,8 +6,6 @@ from math import atan2, cos, degrees, pi, radians, sin
 import numpy as np
 import pytest
 
-from estimator.conditioning.field.calibration import learn_calibration
-from estimator.conditioning.field.magnetic import observe_field
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.rate import (
     Clipping,
@@ -16,12 +14,9 @@ from estimator.conditioning.rate import (
     integration_rate,
     watch_clipping,
 )
-from estimator.conditioning.state import initial_state
-from estimator.conditioning.vertical.gravity import level_to, observe_gravity
 from estimator.conditioning.vertical.lowpass import Smooth, coefficients
 from estimator.conditioning.vertical.stillness import RestState, observe_rest
 from estimator.geometry import quaternion as qn
-from estimator.geometry.axes import axes_of
 from estimator.types import IDENTITY, ZERO_VEC3
 from tests.estimator.conditioning.motion import (
     FIELD_NED,
@@ -63,19 +58,6 @@ def test_a_slow_turn_is_rest_and_neither_a_fast_one_nor_shaking_is(
     assert state.resting is rests
 
 
-def test_gravity_ignores_shaking_and_any_norm():
-    dt = 0.01
-    k = coefficients(PARAMS, dt, 1.0)
-    gravity = initial_state(PARAMS).vertical.gravity
-    for i in range(1500):
-        u = (4.9 * sin(9.0 * i * dt), 0.0, 0.85 * 9.81)
-        gravity = observe_gravity(PARAMS, k, gravity, u, 0.0, 0.0)
-        q, _ = level_to(gravity.q_6d_g, gravity.force.down.value)
-        gravity = gravity._replace(q_6d_g=q)
-    down = qn.rotate_inverse(gravity.q_6d_g, (0.0, 0.0, 1.0))
-    assert qn.angle_between_vectors(down, (0.0, 0.0, 1.0)) < radians(0.0024)  # measured 0.0020
-
-
 def test_motion_bias_is_learnt_without_any_rest():
     memory, _ = run(fly(tumbling, 180.0, 0.01, bias=BIAS), 0.01)
     # measured 0.037 deg/s; 0.1 is the steady sigma in motion
@@ -86,18 +68,6 @@ def test_rest_teaches_the_bias_before_the_vertical_is_known():
     memory, _ = run(fly(resting, 2.5, 0.01, bias=BIAS), 0.01)
     off = np.subtract(memory.known.vertical.estimate.bias_rad_s, BIAS)
     assert np.abs(off).max() == pytest.approx(radians(0.057), rel=0.2)  # of 0.4 deg/s
-
-
-def test_confidence_falls_beside_a_magnet_and_the_references_stay():
-    state = initial_state(PARAMS).field.magnetic
-    for _ in range(3000):
-        state = observe_field(PARAMS, state, (0.2, 0.0, 0.42), 0.01, 1.0)
-    assert state.look.confidence == pytest.approx(1.0)
-    before = state.reference.horizontal
-    for _ in range(1000):
-        state = observe_field(PARAMS, state, (0.5, 0.1, 0.42), 0.01, 1.0)
-    assert state.look.confidence == pytest.approx(0.00075, rel=0.2)
-    assert state.reference.horizontal == pytest.approx(before, rel=0.0013)  # measured 0.0010
 
 
 def test_lag_and_own_field_are_learnt_while_turning():
@@ -150,21 +120,6 @@ def test_a_start_in_motion_teaches_no_dip_of_a_vertical_that_is_not_known_yet(se
     assert dip == pytest.approx(64.54, abs=2.3)  # measured within 1.9; 3.4, all counted alike
     confidence = [out.magnetic_confidence for _, out, _ in seen[400:]]
     assert np.mean(confidence) > 0.55  # measured 0.66; 0.23
-
-
-def test_a_calibration_stays_while_the_reference_norm_is_learnt():
-    """The own field is kept in the field's own unit, and the means are of the same readings."""
-
-    def learnt(state, norm):
-        still = axes_of((1.0, 0.0, 0.0, 0.0)), ZERO_VEC3, (0.2, 0.0, 0.42)
-        return learn_calibration(PARAMS, state, *still, norm, 0.01, 0.0)
-
-    state = initial_state(PARAMS).field.calibration
-    for norm in 10 * [0.3] + 10 * [0.4] + 10 * [0.46]:
-        state = learnt(state, norm)
-    assert state.field == pytest.approx((0.2 / 0.46, 0.0, 0.42 / 0.46))
-    state = learnt(state._replace(learnt=state.learnt._replace(offset=(0.1, 0.0, 0.0))), 0.23)
-    assert state.learnt.scale * state.learnt.offset[0] == pytest.approx(0.046)
 
 
 def test_a_vehicle_that_hardly_turns_learns_no_own_field():
@@ -235,16 +190,6 @@ def test_every_step_can_be_switched_off(step):
     gravity, north = vector_errors_rad(out, s.q_ned_frd)
     assert gravity < radians(0.53)  # measured 0.44
     assert north < radians(1.39)  # measured 1.16
-
-
-def test_magnetometer_at_a_quarter_of_the_rate():
-    dt, every = 0.02, fly(tumbling, 30.0, 0.02)
-    samples = (s if i % 4 == 0 else s._replace(has_mag=False) for i, s in enumerate(every))
-    _, seen = run(samples, dt)
-    s, out, _ = seen[-1]
-    assert vector_errors_rad(out, s.q_ned_frd)[1] < radians(1.66)  # measured 1.39
-    least = min(out.magnetic_confidence for _, out, _ in seen)
-    assert 1.0 - least == pytest.approx(0.024, rel=0.2)
 
 
 # --- the whole stage at rest, in an even turn and across gaps
