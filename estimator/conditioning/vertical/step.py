@@ -137,7 +137,7 @@ def learn_vertical(
     unseen = slow * yaw_noise + clipped[1]
     estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), unseen)
     lagged = lag(params, k, before.lagged, axes, estimate.bias_rad_s, age_s, share, follows)
-    if rest.resting and params.use_rest:
+    if rest.resting and rest.wander < 1.0 and params.use_rest:
         estimate = learn_at_rest(params, k, estimate, axes, rest, still)
     if params.use_motion_bias and before.gravity.force.age_s > params.gravity_tau_s:
         # of the vertical's own variance: what a step of that share moves by
@@ -172,8 +172,7 @@ def look_for_rest(
     rest = observe_rest(params, k, before.rest, mean.gyr, mean.acc, mean.time_s)
     shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
     still = watch_stillness(params, before.still, rest, shown, mean)
-    resting = (rest.resting and not still.contradicted) or still.proven
-    return rest._replace(resting=resting and rest.wander < 1.0), still
+    return rest._replace(resting=(rest.resting and not still.contradicted) or still.proven), still
 
 
 @inlined

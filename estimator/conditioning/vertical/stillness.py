@@ -32,7 +32,7 @@ class RestState(NamedTuple):
     acc: Smooth = Smooth()  # m/s^2, FRD
     gyr_square: float = 0.0  # how far from it of late, 1 is the limit of quiet
     acc_square: float = 0.0  # the same
-    wander: float = 0.0  # how much the low-passed rate changes, 1 is the limit of a vehicle's rest
+    wander: float = 0.0  # square by which a vehicle's low-passed rate changes; from 1 on it turns
     quiet_s: float = 0.0  # for how long both have been near their low-pass
     steady: bool = False  # whether that is long enough for a rest, or for a steady turn
     resting: bool = False  # whether it is a rest
