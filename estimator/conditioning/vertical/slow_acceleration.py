@@ -3,8 +3,9 @@
 A vehicle that turns, climbs or brakes for seconds draws the force of a second away from its own
 long mean in G. G drifts as well if the gyroscope misses turns, by as much as the steps' noise; the
 rest is an acceleration. The size of the force, the root of g^2 + a^2 for a horizontal acceleration
-a, limits it. No vehicle accelerates up or down for long, so along the vertical the mean force is
-gravity: if it is less, the vertical is wrong by an angle of that cosine.
+a, limits it; a rest shows how large the sensor reads g. No vehicle accelerates up or down for long,
+so along the vertical the mean force is gravity: if it is less, the vertical is wrong by an angle of
+that cosine.
 
 A vehicle that is shaken faster than it is sampled turns by any angle between two samples and stays
 about where it was. Then the mean force, seen from the body, shows its tilt better than the latest

@@ -137,7 +137,7 @@ def learn_vertical(
     unseen = slow * yaw_noise + clipped[1]
     estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), unseen)
     lagged = lag(params, k, before.lagged, axes, estimate.bias_rad_s, age_s, share, follows)
-    if rest.resting and rest.wander < 1.0 and params.use_rest:
+    if rest.resting and rest.change_square < 1.0 and params.use_rest:
         estimate = learn_at_rest(params, k, estimate, axes, rest, still)
     if params.use_motion_bias and before.gravity.force.age_s > params.gravity_tau_s:
         # of the vertical's own variance: what a step of that share moves by

@@ -32,7 +32,7 @@ class RestState(NamedTuple):
     acc: Smooth = Smooth()  # m/s^2, FRD
     gyr_square: float = 0.0  # how far from it of late, 1 is the limit of quiet
     acc_square: float = 0.0  # the same
-    wander: float = 0.0  # square by which a vehicle's low-passed rate changes; from 1 on it turns
+    change_square: float = 0.0  # how much a vehicle's low-passed rate changes; from 1 on it turns
     quiet_s: float = 0.0  # for how long both have been near their low-pass
     steady: bool = False  # whether that is long enough for a rest, or for a steady turn
     resting: bool = False  # whether it is a rest
@@ -49,18 +49,22 @@ def observe_rest(
     10.1016/j.inffus.2022.10.014). Comparing with the low-pass before it takes the sample keeps the
     test's meaning at a few samples a second. :func:`watch_stillness` separates a rest from a slow
     steady turn.
+
+    Gravity stands still in the body of a vehicle that its thrust carries, however that tilts. So a
+    vehicle's rate shows a bias only where its low-pass stands still: it changes in ``QUICK_S``, or
+    in a longer step, by less than a bias that motion teaches is uncertain by.
     """
     limit = params.bias_limit_rad_s
     gyr_smooth = smooth(k, state.gyr, gyr)
     g = gyr_smooth.value
     gyr_off = square(subtract(gyr, state.gyr.value)) / (limit * limit)
     changed = square(subtract(g, state.gyr.value)) * max(1.0, QUICK_S / dt_s) ** 2
-    wander = changed / (3.0 * params.bias_motion_sigma_rad_s**2) if params.in_vehicle else 0.0
+    change = changed / (3.0 * params.bias_motion_sigma_rad_s**2) if params.in_vehicle else 0.0
     acc_off = square(subtract(acc, state.acc.value)) / params.rest_acc_m_s2**2
     share = dt_s / (QUICK_S + dt_s)
     gyr_square = state.gyr_square + share * (min(gyr_off, REACH) - state.gyr_square)
     acc_square = state.acc_square + share * (min(acc_off, REACH) - state.acc_square)
-    wander = state.wander + share * (min(wander, REACH) - state.wander)
+    change_square = state.change_square + share * (min(change, REACH) - state.change_square)
     slow = abs(g[0]) < limit and abs(g[1]) < limit and abs(g[2]) < limit
     quiet_s = min(state.quiet_s + dt_s, 1e6) if gyr_square < 1.0 and acc_square < 1.0 else 0.0
     steady = quiet_s >= params.rest_time_s
@@ -69,7 +73,7 @@ def observe_rest(
         acc=smooth(k, state.acc, acc),
         gyr_square=gyr_square,
         acc_square=acc_square,
-        wander=wander,
+        change_square=change_square,
         quiet_s=quiet_s,
         steady=steady,
         resting=steady and slow,
