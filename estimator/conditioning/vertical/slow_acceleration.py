@@ -76,10 +76,14 @@ def slow_variance(state: SlowAcceleration) -> float:
 
 @inlined
 def watch_rest(state: SlowAcceleration, u: Vec3, dt_s: float) -> SlowAcceleration:
-    """A step at rest with the force ``u``: it shows gravity, and nothing of accelerations."""
+    """A step at rest with the force ``u``: it shows gravity, and nothing of accelerations.
+
+    A force that is off by more than ``SCALE_ERROR`` is none of gravity alone.
+    """
     rested_s = min(state.rested_s + dt_s, LATELY_S)
-    off = norm(u) / STANDARD_GRAVITY_M_S2 - state.gravity
-    gravity = state.gravity + dt_s / rested_s * off
+    size = norm(u) / STANDARD_GRAVITY_M_S2
+    limited = max(1.0 - SCALE_ERROR, min(1.0 + SCALE_ERROR, size))
+    gravity = state.gravity + dt_s / rested_s * (limited - state.gravity)
     return state._replace(seen_s=state.seen_s + dt_s, gravity=gravity, rested_s=rested_s)
 
 
