@@ -18,9 +18,25 @@ from estimator.aiding.beginning import BEGIN_VELOCITY_SIGMA_M_S
 from estimator.aiding.course import STANDING, Rolled, fade_rolled, roll_on
 from estimator.aiding.types import Array, Report
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.params import ACCELERATION_LASTS_S, HEADING_REACH_RAD, MEMORY_S, SPAN_S
+from estimator.conditioning.params import (
+    ACCELERATION_LASTS_S,
+    HEADING_REACH_RAD,
+    LATELY_S,
+    MEMORY_S,
+    SPAN_S,
+)
+from estimator.conditioning.rate import MOST_ERROR
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
-from estimator.geometry.quaternion import add, cross, dot, rotate, rotate_inverse, scale, subtract
+from estimator.geometry.quaternion import (
+    add,
+    cross,
+    dot,
+    norm,
+    rotate,
+    rotate_inverse,
+    scale,
+    subtract,
+)
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 Matrix = tuple[Vec3, Vec3, Vec3]  # row by row
@@ -30,6 +46,9 @@ NOTHING: Matrix = (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
 UNKNOWN_RAD = radians(45.0)
 # Windows share reports and their slow error: so many times the variance of independent ones.
 CORRELATED = 4.0
+# Gravity seems tilted in a turn, by the turn's rate times the speed. At this speed (m/s) a steep
+# field, which that moves by twice as much, shows the turn of ``LATELY_S`` wrong by ``MOST_ERROR``.
+EVEN_M_S = 0.5 * MOST_ERROR * STANDARD_GRAVITY_M_S2 * LATELY_S
 
 
 class Window(NamedTuple):
@@ -133,6 +152,13 @@ def open_window(window: Window, report: Report, behind_s: float) -> Window:
         is_open=True,
         is_behind_hole=window.is_behind_hole and not window.is_open,
     )
+
+
+@inlined
+def goes_fast(window: Window) -> bool:
+    """Whether the latest report shows that the vehicle goes faster than ``EVEN_M_S``."""
+    is_new = window.is_open and window.time_s < ACCELERATION_LASTS_S
+    return is_new and norm(window.velocity_ned_m_s) > EVEN_M_S
 
 
 @inlined

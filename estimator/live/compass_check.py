@@ -15,7 +15,7 @@ and only the field does not, the compass has been turned since.
 Here is also how far the field contradicts the accelerometer, whatever the gyroscope shows.
 """
 
-from math import atan2, cos, hypot, sin
+from math import cos, hypot, sin
 
 import numpy as np
 
@@ -24,13 +24,12 @@ from estimator.aiding.beginning import Start
 from estimator.aiding.compass import Compass
 from estimator.aiding.correction_cusum import with_unexpected_turn
 from estimator.aiding.phase import Cause
-from estimator.aiding.search import UNKNOWN_RAD, Solution, solve
+from estimator.aiding.search import UNKNOWN_RAD, solve
 from estimator.aiding.sources.field import begin_anew
 from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import COMPASS_TURN, HARD_IRON, SIZE, Report, Sigmas
 from estimator.aiding.uncertainty import with_dip_error
-from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import FieldLook, horizontal_down
 from estimator.conditioning.params import CONFIRM_S, MEMORY_S, REACH, SPAN_S
 from estimator.conditioning.rate import slow_share
@@ -42,8 +41,8 @@ from estimator.live.situation import MOUNTED_RAD
 from estimator.live.starts import (
     LEAST_HEADING_SIGMA_RAD,
     bias_sigma_rad_s,
+    compass_turn,
     heading_between,
-    iron_sigma_gauss,
     judge_field,
 )
 from estimator.live.state import State
@@ -121,18 +120,6 @@ def least_s(now: Core, known: Compass, *, is_aided_off: bool) -> float:
     return CONFIRM_S if slow_share(now.sample.dt_s) > 0.0 else SPAN_S
 
 
-def compass_turn(state: State, now: Core, found: Solution) -> tuple[float, float]:
-    """By how much (rad, about down) the field of the last second is off north, and its sigma.
-
-    This uses velocity only: the aiding may have learnt a turned compass as iron.
-    """
-    north, field = state.settings.reference.magnetic_ned, now.conditioning.field.magnetic.reference
-    F = rotate(found.q_ned_g, now.conditioning.events.jump.slow)
-    turn_rad = atan2(north[0] * F[1] - north[1] * F[0], north[0] * F[0] + north[1] * F[1])
-    iron_rad = iron_sigma_gauss(state, now) / max(field.horizontal, TINY)
-    return turn_rad, hypot(found.sigma_heading_rad, MOUNTED_RAD, iron_rad)
-
-
 def judge_mounting(state: State, now: Core) -> None:
     """The rest of a turned compass's turn, by a heading from velocity.
 
@@ -141,8 +128,10 @@ def judge_mounting(state: State, now: Core) -> None:
     estimate, known = now.aided.estimate, state.context.compass
     if not now.seen.has_heading or not state.knows_north or rolls(state.settings.aiding):
         return
-    if compass.is_unknown(known, now.time_us):
-        judge_field(state, Start(estimate.q_ned_frd, now.aided.sigma.heading_rad))
+    if not known.confirmed and known.turned_rad == 0.0:
+        sigma = now.aided.sigma
+        start = Start(estimate.q_ned_frd, sigma.heading_rad, sigma.inclination_rad)
+        judge_field(state, start)
         if state.context.compass.turned_rad != known.turned_rad:  # it has been turned by now
             return
     variance = now.covariance[COMPASS_TURN, COMPASS_TURN]

@@ -93,10 +93,10 @@ def see_push_and_field(state: State, now: Core, report: Report) -> PushAndField 
 
 def find_start_by_both(state: State, now: Core, seen: PushAndField | None) -> Start | None:
     """The attitude by the last push and the place's field, whatever it was before."""
-    of_g = None if seen is None else solve_with_field(seen)
-    if seen is None or of_g is None:
+    found = None if seen is None else solve_with_field(seen)
+    if seen is None or found is None:
         return None
-    start, per_gauss = start_from(of_g, now), 1.0 / max(horizontal_down(seen.field_ned)[0], TINY)
+    start, per_gauss = start_from(found, now), 1.0 / max(horizontal_down(seen.field_ned)[0], TINY)
     east = rotate_inverse(start.q_ned_frd, (0.0, 1.0, 0.0))
     return start._replace(
         heading_sigma_rad=max(start.heading_sigma_rad, iron_sigma_gauss(state, now) * per_gauss),
@@ -104,39 +104,50 @@ def find_start_by_both(state: State, now: Core, seen: PushAndField | None) -> St
     )
 
 
-def start_from(of_g: Solution, now: Core) -> Start:
+def start_from(found: Solution, now: Core) -> Start:
     """The body's attitude where that of G was found."""
-    q = multiply(of_g.q_ned_g, now.gathered.q_g_frd)
-    return Start(q, max(of_g.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD), of_g.sigma_tilt_rad)
+    q = multiply(found.q_ned_g, now.gathered.q_g_frd)
+    return Start(q, max(found.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD), found.sigma_tilt_rad)
 
 
 def find_start_by_velocity(state: State, now: Core, report: Report) -> Start | None:
     """The attitude that the reports show without any field, if its heading is certain enough."""
     start = start_by_course(state.settings, now, report) if rolls(state.settings.aiding) else None
-    of_g = solve(now.search, bias_sigma_rad_s(now.conditioning)) if start is None else None
-    return start if of_g is None else start_from(of_g, now)
+    found = solve(now.search, bias_sigma_rad_s(now.conditioning)) if start is None else None
+    return start if found is None else start_from(found, now)
 
 
 def judge_field(state: State, start: Start) -> Start:
-    """Whether the field contradicts a heading by velocity: then its compass is turned.
+    """Whether the field contradicts an attitude by velocity: then its compass is turned.
 
-    A usable compass is not judged: it corrects a relative heading.
+    Unless velocity has confirmed it before, the compass may be turned by any angle.
     """
     now, known = state.core, state.context.compass
-    if compass.is_usable(known, now.time_us):
+    if known.confirmed:
         return start
-    seen, field = now.seen, now.conditioning.field.magnetic.reference
-    by_tilt_rad = seen.sigma_inclination_rad * abs(field.down) / max(field.horizontal, TINY)
-    field_rad = hypot(max(seen.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD), by_tilt_rad)
-    q = align(conditioned_vectors(state.settings.reference, now.seen))
-    off_rad = heading_between(q, start.q_ned_frd)
-    sigma_rad = hypot(start.heading_sigma_rad, field_rad)
-    if abs(off_rad) > REACH * sigma_rad:
-        state.turn_compass(off_rad)
-        return start._replace(compass_sigma_rad=UNKNOWN_RAD)
-    if sigma_rad < 2.0 * LEAST_HEADING_SIGMA_RAD and compass.is_unknown(known, now.time_us):
+    tilt_rad = start.tilt_sigma_rad or now.seen.sigma_inclination_rad
+    q_ned_g = multiply(start.q_ned_frd, conjugate(now.gathered.q_g_frd))
+    found = Solution(q_ned_g, start.heading_sigma_rad, tilt_rad)
+    turn_rad, sigma_rad = compass_turn(state, now, found)
+    if abs(turn_rad) > REACH * sigma_rad:
+        state.turn_compass(turn_rad)
+    elif sigma_rad < 2.0 * LEAST_HEADING_SIGMA_RAD and compass.is_unknown(known, now.time_us):
         state.change_compass(confirmed=True)
-    return start
+        return start
+    return start._replace(compass_sigma_rad=pi)
+
+
+def compass_turn(state: State, now: Core, found: Solution) -> tuple[float, float]:
+    """By how much (rad, about down) the field of the last second is off north, and its sigma.
+
+    This uses velocity only: the aiding may have learnt a turned compass as iron.
+    """
+    north, field = state.settings.reference.magnetic_ned, now.conditioning.field.magnetic.reference
+    F = rotate(found.q_ned_g, now.conditioning.events.jump.slow)
+    turn_rad = atan2(north[0] * F[1] - north[1] * F[0], north[0] * F[0] + north[1] * F[1])
+    iron_rad = iron_sigma_gauss(state, now) / max(field.horizontal, TINY)
+    by_tilt_rad = found.sigma_tilt_rad * abs(field.down) / max(field.horizontal, TINY)
+    return turn_rad, hypot(found.sigma_heading_rad, MOUNTED_RAD, iron_rad, by_tilt_rad)
 
 
 def heading_between(q_ned_frd: Quaternion, other: Quaternion) -> float:

@@ -16,6 +16,8 @@ from estimator.geometry.metrics import rms
 from estimator.profile import load_profile, merge_profile
 from estimator.types import STANDARD_GRAVITY_M_S2
 from fuzzbee import Estimator
+from tests.flight import FIELD_NED_GAUSS, TRUE_NORTH
+from tests.truth.motions import step
 from tests.truth.run import Case, judge
 
 G = STANDARD_GRAVITY_M_S2
@@ -203,3 +205,26 @@ def test_a_calm_flight_is_no_rest(rate_hz):
     assert np.degrees(rms(error)) < 2.0  # 15 with rests in flight; 9.8 if level were assumed
     assert np.mean(error < found.sigma_inclination_rad[aloft]) > 0.8
     assert np.degrees(np.abs(found.gyro_bias_rad_s).max()) < 0.3
+
+
+@pytest.mark.parametrize("rate_hz", [50.0, 4.0])
+@pytest.mark.parametrize(("push_m_s2", "radius_m", "until_s"), [(0.7, 600, 60), (1.0, 900, 50)])
+def test_an_even_curve_of_a_train_is_no_rest(push_m_s2, radius_m, until_s, rate_hz):
+    """Nobody says that it is a vehicle; the gyroscope's bias, and so the compass, stay right."""
+    rng, t = np.random.default_rng(1), np.arange(150.0 * rate_hz + 1.0) / rate_hz
+    push = push_m_s2 * step((t - 20.0) / 4.0) * (1.0 - step((t - until_s) / 6.0))
+    speed = np.cumsum(push) / rate_hz
+    turning = speed / radius_m * step((t - until_s + 6.0) / 12.0)
+    yaw, cant = np.cumsum(turning) / rate_hz, 0.5 * speed * turning / G
+    velocity = speed[:, None] * np.stack([np.cos(yaw), np.sin(yaw), 0.0 * t], axis=1)
+    truth = Rotation.from_euler("ZYX", np.stack([yaw, 0.0 * t, cant], axis=1))
+    gyr = rate_hz * (truth[:-1].inv() * truth[1:]).as_rotvec() + (0.004, -0.002, 0.003)
+    force, there = rate_hz * np.diff(velocity, axis=0) - (0.0, 0.0, G), truth[1:].inv()
+    readings = np.stack([gyr, there.apply(force), there.apply(FIELD_NED_GAUSS)])
+    readings += np.reshape((0.003, 0.05, 0.001), (3, 1, 1)) * rng.standard_normal(readings.shape)
+    reports = np.full_like(gyr, np.nan)
+    reports[:: round(rate_hz / 4.0)] = velocity[1 :: round(rate_hz / 4.0)]
+    estimator = Estimator(merge_profile(load_profile("imu"), TRUE_NORTH), rate_hz)
+    found = estimator.update_batch(*readings, velocity_ned_m_s=reports)
+    errors = np.degrees((found.to_rotation() * there).as_rotvec())
+    assert np.abs(errors[round(40.0 * rate_hz) :]).max() < 4.0  # 46 to 77 with rests there

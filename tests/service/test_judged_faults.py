@@ -20,7 +20,7 @@ POOR = Fault("gyroscope offset", 0, 0.07, begin_s=0.0)
 
 @pytest.mark.parametrize("beside", ["", "offsets"])
 @pytest.mark.parametrize("rate_hz", [50.0, 4.0])
-@pytest.mark.parametrize("motion", ["circle", "slalom 12", "aerobatics"])
+@pytest.mark.parametrize("motion", ["circle", "slalom 12", "aerobatics", "started banking"])
 @pytest.mark.parametrize("fault", [*TURNED, IRON], ids=str)
 def test_a_wrong_compass_does_not_move_the_tilt(motion, fault, rate_hz, beside):
     """With or without a declaration; no wrong heading has a small sigma."""

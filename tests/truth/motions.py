@@ -83,9 +83,9 @@ def slalom(speed_m_s: float) -> Callable[[Draw], Motion]:
     def drive(draw: Draw) -> Motion:
         speed, across, period_s = draw.size(speed_m_s), draw.size(4.0), draw.size(16.0)
         begin_s = REST_S + speed / 2.5
-        speeds = speed * _step((TIME_S - REST_S) / (speed / 2.5))
+        speeds = speed * step((TIME_S - REST_S) / (speed / 2.5))
         wave = np.sin(2 * np.pi * (TIME_S - begin_s) / period_s)
-        turning = across / speed * wave * _step((TIME_S - begin_s) / 2.0)
+        turning = across / speed * wave * step((TIME_S - begin_s) / 2.0)
         return _car(draw, speeds, turning)
 
     return drive
@@ -94,8 +94,8 @@ def slalom(speed_m_s: float) -> Callable[[Draw], Motion]:
 def circle(draw: Draw) -> Motion:
     """A car that drives round and round, flat."""
     speed, across = draw.size(8.0), draw.size(3.2)
-    speeds = speed * _step((TIME_S - REST_S) / 4.0)
-    return _car(draw, speeds, across / speed * _step((TIME_S - REST_S - 4.0) / 2.0))
+    speeds = speed * step((TIME_S - REST_S) / 4.0)
+    return _car(draw, speeds, across / speed * step((TIME_S - REST_S - 4.0) / 2.0))
 
 
 def accelerate_and_brake(draw: Draw) -> Motion:
@@ -115,10 +115,20 @@ def started_moving(draw: Draw) -> Motion:
     return _car(draw, np.maximum(speeds, 1.0), turning)
 
 
+def started_banking(draw: Draw) -> Motion:
+    """A plane that is in the middle of its turns when the first sample comes."""
+    speed, bank, period_s = draw.size(20.0), min(draw.size(0.7), 1.1), draw.size(30.0)
+    roll = bank * np.tanh(3.0 * np.sin(2 * np.pi * TIME_S / period_s + draw.angle()))
+    speeds = speed * (1.0 + draw.waves(0.08, (6.0, 15.0)))
+    yaw = draw.angle() + _integral(G * np.tan(roll) / speeds)
+    q = _from_euler(roll, np.full_like(roll, 0.05), yaw)
+    return _motion(PLANE, q, _along(speeds, yaw, draw.waves(0.04, (3.0, 9.0))), *RATTLE)
+
+
 def coasting_turn(draw: Draw) -> Motion:
     """A submarine without thrust: its turn fades from 1.5 to 0.3 deg/s."""
     fading = np.exp(-np.maximum(TIME_S - REST_S - 5.0, 0.0) / draw.size(40.0))
-    under_way = _step((TIME_S - REST_S) / 5.0)
+    under_way = step((TIME_S - REST_S) / 5.0)
     turning = np.radians(draw.size(1.5)) * fading * under_way
     speeds = draw.size(1.5) * fading * under_way
     roll, pitch = (under_way * draw.waves(0.003, (10.0, 30.0)) for _ in range(2))
@@ -130,8 +140,8 @@ def climb_and_turn(draw: Draw) -> Motion:
     """A plane that takes off, climbs, and banks one way and the other."""
     speed, bank, period_s = draw.size(20.0), min(draw.size(0.7), 1.1), draw.size(30.0)
     run_s = speed / 3.0
-    speeds = speed * _step((TIME_S - REST_S) / run_s)
-    aloft = _step((TIME_S - REST_S - run_s) / 3.0)
+    speeds = speed * step((TIME_S - REST_S) / run_s)
+    aloft = step((TIME_S - REST_S - run_s) / 3.0)
     wave = np.tanh(3.0 * np.sin(2 * np.pi * (TIME_S - REST_S - run_s - 3.0) / period_s))
     roll = bank * wave * aloft
     climb = draw.size(0.12) * aloft * (1.0 + 0.3 * np.sin(2 * np.pi * TIME_S / 17.0))
@@ -152,17 +162,17 @@ def aerobatics(draw: Draw) -> Motion:
             span_s = draw.size((9.0, 4.0)[kind % 2])
             turn = 2 * np.pi * (-1.0 if kind % 4 == 1 else 1.0)
             # a smooth pulse whose integral is one whole turn
-            rate[:, 1 - kind % 2] += turn * np.gradient(_step((TIME_S - t_s) / span_s), TIME_S)
+            rate[:, 1 - kind % 2] += turn * np.gradient(step((TIME_S - t_s) / span_s), TIME_S)
             t_s += span_s + draw.size(3.0)
     q = integrated(rate, draw.angle())
     nose = rotate_inverse(conjugate(q), (1.0, 0.0, 0.0))
-    speeds = speed * _step((TIME_S - REST_S) / (speed / 3.0)) * (1.0 + 0.25 * nose[:, 2])
+    speeds = speed * step((TIME_S - REST_S) / (speed / 3.0)) * (1.0 + 0.25 * nose[:, 2])
     return _motion(PLANE, q, speeds[:, None] * nose, *RATTLE)
 
 
 def in_hand(draw: Draw) -> Motion:
     """An IMU that somebody takes up, turns about and moves to and fro, with pauses."""
-    busy = _step((TIME_S - REST_S) / 1.0) * _step(4.0 * np.sin(2 * np.pi * TIME_S / 25.0) + 3.0)
+    busy = step((TIME_S - REST_S) / 1.0) * step(4.0 * np.sin(2 * np.pi * TIME_S / 25.0) + 3.0)
     roll, pitch = (busy * draw.waves(draw.size(0.4), (1.5, 8.0)) for _ in range(2))
     yaw = draw.angle() + busy * draw.waves(draw.size(0.8), (2.0, 8.0))
     places = [busy * draw.waves(draw.size(0.04), (0.6, 3.0)) for _ in range(3)]
@@ -174,7 +184,7 @@ def _copter(
     draw: Draw, lean_rad: float, periods_s: tuple[float, float], yaw_rad_s: float
 ) -> Motion:
     """A copter pushed about at random; its thrust is along body up, drag aside."""
-    aloft = _step((TIME_S - REST_S) / 4.0)
+    aloft = step((TIME_S - REST_S) / 4.0)
     sigma = G * np.tan(draw.size(lean_rad))
     pushes = [aloft * draw.waves(sigma, periods_s) for _ in range(2)]
     pushes.append(aloft * draw.waves(0.3, (3.0, 10.0)))
@@ -232,14 +242,14 @@ def _integral(values: Floats) -> Floats:
     return np.cumsum(values) / FINE_HZ
 
 
-def _step(x: Floats) -> Floats:
+def step(x: Floats) -> Floats:
     """0 below 0, 1 above 1, smooth between."""
     x = np.clip(x, 0.0, 1.0)
     return np.asarray(x**3 * (10.0 - 15.0 * x + 6.0 * x**2))
 
 
 def _pulse(t: Floats, begin: float, end: float) -> Floats:
-    return _step((t - begin) / 0.5) * _step((end + 0.5 - t) / 0.5)
+    return step((t - begin) / 0.5) * step((end + 0.5 - t) / 0.5)
 
 
 MOTIONS: dict[str, Callable[[Draw], Motion]] = {
@@ -253,6 +263,7 @@ MOTIONS: dict[str, Callable[[Draw], Motion]] = {
     "circle": circle,
     "accelerate and brake": accelerate_and_brake,
     "started moving": started_moving,
+    "started banking": started_banking,
     "coasting turn": coasting_turn,
     "climb and turn": climb_and_turn,
     "aerobatics": aerobatics,

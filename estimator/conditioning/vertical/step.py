@@ -167,12 +167,16 @@ def learn_vertical(
 def look_for_rest(
     params: ConditioningParams, before: VerticalState, mean: Gathered
 ) -> tuple[RestState, Stillness]:
-    """Whether gyroscope and accelerometer rest, and whether gravity and field bear that out."""
+    """Whether gyroscope and accelerometer rest, and whether gravity and field bear that out.
+
+    What goes fast through a long and even curve feels as if it rested.
+    """
     k = before.coefficients.rest
     rest = observe_rest(params, k, before.rest, mean.gyr, mean.acc, mean.time_s)
     shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
     still = watch_stillness(params, before.still, rest, shown, mean)
-    return rest._replace(resting=(rest.resting and not still.contradicted) or still.proven), still
+    seems_at_rest = (rest.resting and not still.contradicted) or still.proven
+    return rest._replace(resting=seems_at_rest and not mean.goes_fast), still
 
 
 @inlined

@@ -15,14 +15,10 @@ from estimator.aiding.compass import (
     restart,
 )
 from estimator.aiding.phase import Phase
-from estimator.aiding.types import COMPASS_TURN
 from estimator.conditioning.params import FORGET_S, LONG_S, MEMORY_S
 from estimator.estimator import Estimator
-from estimator.filter.alignment import align
 from estimator.geometry.metrics import angle_errors
-from estimator.geometry.quaternion import exp, multiply, scale
-from estimator.live.aided import conditioned_vectors
-from estimator.live.compass_check import judge_mounting
+from estimator.geometry.quaternion import scale
 from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3
 from tests.flight import (
@@ -38,7 +34,6 @@ from tests.flight import (
     flown,
     north_known,
     rms_deg,
-    taken_along,
     without_field,
 )
 
@@ -209,12 +204,8 @@ def test_a_magnetometer_that_comes_where_no_position_is_known_makes_the_heading_
 def test_a_log_that_begins_in_a_turn_does_not_condemn_the_compass(flight):
     """Tilted by 52 deg unseen the field looks too steep; it is looked at again."""
     begin = 550  # 11 s
-    late = type(flight)(
-        flight.samples[begin:],
-        [(k - begin, r) for k, r in flight.reports if k >= begin],
-        flight.truth[begin:],
-    )
-    one = near_zurich()
+    reports = [(k - begin, r) for k, r in flight.reports if k >= begin]
+    late, one = replace(flight, samples=flight.samples[begin:], reports=reports), near_zurich()
     flown(one, late)
     known = one.snapshot.context.compass
     assert known.unlike_us is not None
@@ -289,23 +280,6 @@ def test_a_compass_that_velocity_confirms_goes_on_giving_the_heading():
     errors = heading_errors_deg(LONG_FLIGHT, estimator)
     assert errors[len(errors) // 2 :].max() < 3.0
     assert estimator.compass_fault == ""
-
-
-def test_a_compass_that_is_found_turned_is_turned_once_in_a_look():
-    """The rest of the turn that the aiding had learnt belongs to the readings before."""
-    state = taken_along(Estimator(PROFILE), LONG_FLIGHT, 2_000)
-    state.change_context(compass=Compass())  # as if nobody had said a word
-    now, P = state.core, state.core.covariance
-    P[COMPASS_TURN, COMPASS_TURN] = 1e-8
-    seen = now.seen._replace(sigma_heading_rad=0.02, sigma_inclination_rad=0.01)
-    by_field = align(conditioned_vectors(state.settings.reference, seen))
-    estimate = now.aided.estimate._replace(
-        q_ned_frd=multiply(exp((0.0, 0.0, 1.0)), by_field), compass_turn_rad=0.5
-    )
-    aided = now.aided._replace(estimate=estimate, sigma=now.aided.sigma._replace(heading_rad=0.02))
-    state.set_core(now._replace(seen=seen, aided=aided, covariance=P))
-    judge_mounting(state, state.core)
-    assert abs(state.context.compass.turned_rad) == pytest.approx(1.0)
 
 
 NOW_US = 500_000_000

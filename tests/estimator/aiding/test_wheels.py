@@ -161,6 +161,16 @@ def test_pushes_distinguish_forwards_from_reverse_whatever_the_tilt(sense, tilt)
     assert tilt_error_rad(found, sense) == pytest.approx(hypot(*tilt), abs=0.01)
 
 
+def test_a_vertical_that_follows_an_even_push_shows_no_sense():
+    """The push seems to fade while the reports show that it grows: less than their noise."""
+    found, speed = STANDING, 5.0
+    for k in range(6):
+        felt, after = (0.7 - 0.03 * k, 0.0, -9.8), reported((speed + 0.6 + 0.02 * k, 0.0, 0.0))
+        found = roll_on(found, (speed, 0.0, 0.0), after, 1.0, felt, (0.0, 0.0, 1.0))
+        speed += 0.6 + 0.02 * k
+    assert abs(forward_evidence(found)) < 4.0
+
+
 def test_what_stands_may_go_on_either_way():
     found = rolled(np.random.default_rng(3), sense=1.0)
     down = (0.0, 0.0, 1.0)

@@ -14,8 +14,6 @@ from estimator.conditioning.rate import (
     integration_rate,
     watch_clipping,
 )
-from estimator.conditioning.vertical.lowpass import Smooth, coefficients
-from estimator.conditioning.vertical.stillness import RestState, observe_rest
 from estimator.geometry import quaternion as qn
 from estimator.types import IDENTITY, ZERO_VEC3
 from tests.estimator.conditioning.motion import (
@@ -40,22 +38,6 @@ def run(samples, dt, params=PARAMS):
 
 
 BIAS = (radians(0.4), radians(-0.3), radians(0.2))
-
-
-@pytest.mark.parametrize(
-    ("rate_deg_s", "push_m_s2", "dt", "rests"),
-    [(0.5, 0.0, 0.01, True), (30.0, 0.0, 0.01, False), (0.0, 0.8, 1.0, False)],
-)
-def test_a_slow_turn_is_rest_and_neither_a_fast_one_nor_shaking_is(
-    rate_deg_s, push_m_s2, dt, rests
-):
-    k, gyr = coefficients(PARAMS, dt, 1.0).rest, (radians(rate_deg_s), 0.0, 0.0)
-    state = RestState(Smooth(gyr), Smooth((0.0, 0.0, -9.8)))
-    for i in range(300):
-        acc = (push_m_s2 * (-1) ** i, 0.0, -9.8)
-        state = observe_rest(PARAMS, k, state, gyr, acc, dt)
-        assert rests or not state.resting
-    assert state.resting is rests
 
 
 def test_motion_bias_is_learnt_without_any_rest():
