@@ -15,10 +15,6 @@ from estimator.conditioning.params import REACH, SPAN_S
 from estimator.geometry.quaternion import cross, dot, scale, subtract, unit
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec2, Vec3
 
-# Of two axes by the noise of a window's two reports, (m/s^2)^2. Where pushes hardly change, what is
-# left of them is noise under either sense.
-REPORTS_SCATTER = 4.0 * (AidingParams().receiver_noise_m_s / SPAN_S) ** 2
-
 
 class Rolled(NamedTuple):
     """Sums over windows since it began to move; older ones count less. Accelerations, m/s^2."""
@@ -89,10 +85,14 @@ def mean_left(rolled: Rolled, sense: float) -> Vec2:
 
 
 def scatter(rolled: Rolled, sense: float) -> float:
-    """Variance of what is left about its mean, (m/s^2)^2: no less than two reports make of it."""
+    """Variance of what is left about its mean, (m/s^2)^2, with that of two reports' noise.
+
+    Where pushes hardly change, what is left of them is noise under either sense.
+    """
     left = mean_left(rolled, sense)
     square = (rolled.squares - 2.0 * sense * rolled.products) / rolled.windows
-    return max(0.0, square - left[0] ** 2 - left[1] ** 2) + REPORTS_SCATTER
+    noise = AidingParams().receiver_noise_m_s / SPAN_S  # of an axis
+    return max(0.0, square - left[0] ** 2 - left[1] ** 2) + 4.0 * noise * noise
 
 
 def forward_evidence(rolled: Rolled) -> float:

@@ -21,11 +21,10 @@ from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import (
     ACCELERATION_LASTS_S,
     HEADING_REACH_RAD,
-    LATELY_S,
     MEMORY_S,
+    REACH,
     SPAN_S,
 )
-from estimator.conditioning.rate import MOST_ERROR
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import (
     add,
@@ -46,9 +45,6 @@ NOTHING: Matrix = (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
 UNKNOWN_RAD = radians(45.0)
 # Windows share reports and their slow error: so many times the variance of independent ones.
 CORRELATED = 4.0
-# Gravity seems tilted in a turn, by the turn's rate times the speed. At this speed (m/s) a steep
-# field, which that moves by twice as much, shows the turn of ``LATELY_S`` wrong by ``MOST_ERROR``.
-EVEN_M_S = 0.5 * MOST_ERROR * STANDARD_GRAVITY_M_S2 * LATELY_S
 
 
 class Window(NamedTuple):
@@ -155,10 +151,10 @@ def open_window(window: Window, report: Report, behind_s: float) -> Window:
 
 
 @inlined
-def goes_fast(window: Window) -> bool:
-    """Whether the latest report shows that the vehicle goes faster than ``EVEN_M_S``."""
+def shows_motion(window: Window) -> bool:
+    """Whether the latest report shows a speed at which a slow turn tilts the force."""
     is_new = window.is_open and window.time_s < ACCELERATION_LASTS_S
-    return is_new and norm(window.velocity_ned_m_s) > EVEN_M_S
+    return is_new and norm(window.velocity_ned_m_s) > REACH * BEGIN_VELOCITY_SIGMA_M_S
 
 
 @inlined

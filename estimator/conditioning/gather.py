@@ -18,7 +18,7 @@ class Gathered(NamedTuple):
     q_g_frd: Quaternion = IDENTITY  # body to G, as the gyroscope has carried it along
     gyr_rad_s: Vec3 = ZERO_VEC3  # the last sample's, FRD
     clipping: Clipping = Clipping()  # of the gyroscope
-    goes_fast: bool = False  # as velocity shows it
+    goes: bool = False  # whether velocity shows that the vehicle goes somewhere
     time_s: float = 0.0  # that the samples stand for
     gyr: Vec3 = ZERO_VEC3  # rad, FRD
     acc: Vec3 = ZERO_VEC3  # m/s, FRD

@@ -4,7 +4,7 @@ from math import isfinite
 from typing import Any
 
 from estimator.aiding.consistency import compare, compare_report, watch
-from estimator.aiding.search import SEARCH_ANEW, add_report, add_sample, goes_fast
+from estimator.aiding.search import SEARCH_ANEW, add_report, add_sample, shows_motion
 from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.step import aid, take_late_report
 from estimator.aiding.types import NO_REPORT, Report, StepInputs
@@ -84,7 +84,7 @@ def step_conditioned(handle: Any, sample: Sample, time_us: int, is_aided: bool) 
         oldest_s = max(OLDEST_S, dt_s)
         handle.reports, report, other = take_due_velocities(handle.reports, time_us, oldest_s)
     had_heading, end = handle.seen.has_heading, TAKEN
-    handle.gathered = handle.gathered._replace(goes_fast=goes_fast(handle.search.window))
+    handle.gathered = handle.gathered._replace(goes=shows_motion(handle.search.window))
     handle.seen = seen = condition(handle, sample)
     has_learnt = handle.gathered.time_s == 0.0
     unsensed_turn = handle.conditioning.events.unsensed_turn if has_learnt else 0.0

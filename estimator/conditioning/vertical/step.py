@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.gather import Gathered
-from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.params import REACH, ConditioningParams
 from estimator.conditioning.rate import aliased_turn
 from estimator.conditioning.vertical.averaging import Averaging, averaging_at_rest, follow_averaging
 from estimator.conditioning.vertical.bias import (
@@ -57,6 +57,7 @@ from estimator.geometry.quaternion import (
     norm,
     rotate,
     rotate_inverse,
+    square,
     subtract,
 )
 from estimator.types import ZERO_VEC3, Between, Quaternion, Sample, Vec3
@@ -169,14 +170,16 @@ def look_for_rest(
 ) -> tuple[RestState, Stillness]:
     """Whether gyroscope and accelerometer rest, and whether gravity and field bear that out.
 
-    What goes fast through a long and even curve feels as if it rested.
+    What goes evenly through a long curve seems to rest, so its rate has to be the known bias.
     """
-    k = before.coefficients.rest
+    k, p = before.coefficients.rest, before.estimate.covariance
     rest = observe_rest(params, k, before.rest, mean.gyr, mean.acc, mean.time_s)
     shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
     still = watch_stillness(params, before.still, rest, shown, mean)
-    seems_at_rest = (rest.resting and not still.contradicted) or still.proven
-    return rest._replace(resting=seems_at_rest and not mean.goes_fast), still
+    known = max(p[0], p[4], p[7]) + params.bias_motion_sigma_rad_s**2
+    turns = mean.goes and square(shown) > REACH**2 * known
+    rests = (rest.resting and not still.contradicted) or still.proven
+    return rest._replace(resting=rests and not turns), still
 
 
 @inlined
