@@ -105,7 +105,7 @@ def aid(
         last=last,
         field=field,
         agreement=agreement,
-        sigma=sigmas(params, now, field, agreement, bias_prior),
+        sigma=sigmas(params, now, field, agreement),
         rough=rough,
         acceleration_tilt=acceleration_tilt,
         correction_cusum=cusum,

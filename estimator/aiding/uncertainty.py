@@ -11,7 +11,6 @@ from estimator.aiding.types import (
     Agreements,
     AidingParams,
     Array,
-    BiasPrior,
     FieldState,
     Scatter,
     Sigmas,
@@ -28,42 +27,34 @@ from estimator.conditioning.field.magnetic import (
 from estimator.conditioning.params import REACH, SPAN_S
 from estimator.geometry.metrics import PLANE_68
 from estimator.geometry.quaternion import norm
-from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
+from estimator.types import Vec3
 
 
 @inlined
 def sigmas(
-    params: AidingParams,
-    now: Prediction,
-    field: FieldState,
-    agreement: Agreements,
-    bias_prior: BiasPrior,
+    params: AidingParams, now: Prediction, field: FieldState, agreement: Agreements
 ) -> Sigmas:
     """How uncertain the estimate is after a sample."""
     P, scale = now.covariance, scatter_scale(params, agreement)
     late_rad = sqrt(max(0.0, P[IMU_LAG, IMU_LAG])) * norm(now.rate_rad_s)  # from turning only
-    level = inclination_variance(params, P, scale, bias_prior)
+    level = inclination_variance(params, P, scale)
     heading = heading_variance(params, now, scale, field)
     return Sigmas(sqrt(level + late_rad * late_rad), sqrt(heading + late_rad * late_rad))
 
 
 @inlined
-def inclination_variance(
-    params: AidingParams, P: Array, scale: float, bias_prior: BiasPrior
-) -> float:
+def inclination_variance(params: AidingParams, P: Array, scale: float) -> float:
     """By the covariance, as far as the scatter ``scale`` confirms it.
 
-    Reports show nothing of what a poor accelerometer's bias may have turned, however well they
-    agree.
+    Reports show nothing of what the accelerometer's bias may have turned, however well they agree.
     """
     scale *= params.colour
     variance = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
-    bias = P[ACC_BIAS, ACC_BIAS] + P[ACC_BIAS + 1, ACC_BIAS + 1] + P[ACC_BIAS + 2, ACC_BIAS + 2]
-    by_bias = 0.5 * bias / STANDARD_GRAVITY_M_S2**2
-    poor = max(0.0, 1.0 - params.acc_bias_sigma**2 / bias_prior.acc)
-    square = scale * scale
-    square += (1.0 - min(1.0, square)) * poor * min(1.0, by_bias / max(variance, TINY))
-    inclination: float = PLANE_68**2 * square * variance
+    by_bias = 0.0
+    for k in range(ACC_BIAS, ACC_BIAS + 3):
+        together = P[TURN, k] ** 2 + P[TURN + 1, k] ** 2
+        by_bias += 0.5 * together / max(P[k, k], TINY)
+    inclination: float = PLANE_68**2 * max(scale * scale * variance, min(by_bias, variance))
     return inclination
 
 
