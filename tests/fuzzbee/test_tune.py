@@ -153,7 +153,8 @@ def test_a_checkpoint_of_something_else_is_refused_in_one_line(tmp_path, refused
 @pytest.fixture
 def bad_base(tmp_path):
     """A profile that takes velocities for ten times as good as they are."""
-    file, sure = tmp_path / "bad.toml", {"filter_error_m_s": 0.02, "receiver_error_m_s": 0.015}
+    file, errors = tmp_path / "bad.toml", {"filter_error_m_s": 0.02, "receiver_error_m_s": 0.015}
+    sure = {**errors, "filter_noise_m_s": 0.005, "receiver_noise_m_s": 0.01}
     file.write_text(profile_to_toml(merge_profile(load_profile("imu"), {"aiding": sure})))
     return file
 
